@@ -1,0 +1,1 @@
+"""Error models: what is learned about the part a filter leaves."""

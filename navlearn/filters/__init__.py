@@ -1,0 +1,1 @@
+"""Filtering that knows nothing of cars: beliefs, discretisation, Kalman updates, consistency."""

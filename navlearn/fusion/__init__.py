@@ -1,0 +1,1 @@
+"""Inertial sensors and GNSS together: error dynamics, measurement updates, the navigation filter."""

@@ -1,0 +1,1 @@
+"""Learning error models: windows, training loops, Levenberg–Marquardt."""

@@ -1,0 +1,1 @@
+"""Drive logs: reading, checking, resampling, simulating."""

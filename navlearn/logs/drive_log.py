@@ -1,0 +1,77 @@
+"""One drive: its sensors' tables at their own rates, and what is known about them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import pandas as pd
+
+
+@dataclass(frozen=True, kw_only=True)
+class LogMetadata:
+    """What is known about a drive beside its samples.
+
+    Attributes:
+        name: Short name, used in tables and file names.
+        source: Where the samples came from (format and files), for messages.
+        license: Licence of the data, empty where unknown.
+        time_origin: What t = 0 was on the log's own clock, s; add it to get the log's times.
+        time_scale: Name of the log's own clock, such as "GPS seconds of week 1485".
+        lever_arm: Antenna from the IMU, body frame RFU, m.
+        gnss_latency: How late fixes are stamped against the IMU, s; already removed where
+            ``latency_removed`` says so.
+        odometer_latency: How late odometer samples are stamped against the IMU, s.
+        sensors: Free text per sensor: make, grade, step, rate.
+        is_truth: Whether ``reference`` is simulation truth rather than a better instrument.
+        extra: Anything else a reader wishes to keep, as plain values.
+    """
+
+    name: str
+    source: str = ""
+    license: str = ""
+    time_origin: float = 0.0
+    time_scale: str = ""
+    lever_arm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    gnss_latency: float = 0.0
+    odometer_latency: float = 0.0
+    sensors: Mapping[str, str] = field(default_factory=dict)
+    is_truth: bool = False
+    extra: Mapping[str, object] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DriveLog:
+    """One drive: tables with the columns of :mod:`navlearn.logs.columns`.
+
+    Attributes:
+        imu: Inertial samples.
+        odometer: Odometer samples.
+        fixes: GNSS solutions.
+        reference: A better solution to judge with, or None.
+        metadata: What is known beside the samples.
+    """
+
+    imu: pd.DataFrame
+    odometer: pd.DataFrame
+    fixes: pd.DataFrame
+    reference: pd.DataFrame | None
+    metadata: LogMetadata
+
+    def tables(self) -> dict[str, pd.DataFrame]:
+        """Return the tables that the log has, by name."""
+        found = {"imu": self.imu, "odometer": self.odometer, "fixes": self.fixes}
+        if self.reference is not None:
+            found["reference"] = self.reference
+        return found
+
+    @property
+    def duration(self) -> float:
+        """Length of the drive by its IMU, s."""
+        return float(self.imu["t"].iloc[-1] - self.imu["t"].iloc[0])
+
+    def without_fixes_from(self, start: float) -> "DriveLog":
+        """Return the log in which no fix at or after a time exists.
+
+        Args:
+            start: Time from which fixes are taken away, s.
+        """
+        return replace(self, fixes=self.fixes[self.fixes["t"] < start])

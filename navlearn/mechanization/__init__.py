@@ -1,0 +1,1 @@
+"""Mechanization: sensor samples become position, velocity and attitude."""

@@ -1,0 +1,1 @@
+"""Outages: placing, replaying, judging and reporting them."""

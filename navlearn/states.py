@@ -1,0 +1,118 @@
+"""What travels between rooms: named tuples of tensors.
+
+Every field is a float64 tensor unless said otherwise. ``...`` is any batch shape; T counts
+samples, M fixes. Sensor samples describe the *interval* that ends at their time: a rate is the
+mean over the interval, so a step needs no neighbour.
+"""
+
+from typing import NamedTuple
+
+from torch import Tensor
+
+
+class NavState(NamedTuple):
+    """Position and attitude of the car, shape (...) each.
+
+    Attributes:
+        lat: Geodetic latitude, rad.
+        lon: Longitude, rad.
+        height: Height above the ellipsoid, m.
+        azimuth: Azimuth of the forward axis, rad, clockwise from north, not wrapped.
+    """
+
+    lat: Tensor
+    lon: Tensor
+    height: Tensor
+    azimuth: Tensor
+
+
+class RissSample(NamedTuple):
+    """What one gyro, the odometer and tilt told over intervals; shape (...) or (..., T) each.
+
+    Attributes:
+        dt: Length of the interval, s; zero marks padding and moves nothing.
+        yaw_rate: Mean z gyro, rad/s, left turn positive.
+        speed: Mean odometer speed along the forward axis, m/s.
+        pitch: Mean pitch, rad, nose up positive; zero in 2D.
+        roll: Mean roll, rad, right side down positive; zero in 2D.
+        f_x: Mean transversal specific force, m/s² (zero where the log has none).
+        f_y: Mean forward specific force, m/s² (zero where the log has none).
+        stationary: 1.0 where the car stands still through the interval, else 0.0.
+    """
+
+    dt: Tensor
+    yaw_rate: Tensor
+    speed: Tensor
+    pitch: Tensor
+    roll: Tensor
+    f_x: Tensor
+    f_y: Tensor
+    stationary: Tensor
+
+
+class GnssFix(NamedTuple):
+    """GNSS solutions, shape (...) or (..., M) each; what is not valid may hold any finite value.
+
+    Attributes:
+        lat: Latitude of the antenna, rad.
+        lon: Longitude of the antenna, rad.
+        height: Height of the antenna, m.
+        v_e: Velocity to the east, m/s.
+        v_n: Velocity to the north, m/s.
+        v_u: Velocity up, m/s.
+        std_e: Standard deviation of position to the east, m.
+        std_n: Standard deviation of position to the north, m.
+        std_u: Standard deviation of height, m.
+        std_v: Standard deviation of each velocity component, m/s.
+        has_position: 1.0 where the position may be used, else 0.0.
+        has_velocity: 1.0 where the velocity may be used, else 0.0.
+    """
+
+    lat: Tensor
+    lon: Tensor
+    height: Tensor
+    v_e: Tensor
+    v_n: Tensor
+    v_u: Tensor
+    std_e: Tensor
+    std_n: Tensor
+    std_u: Tensor
+    std_v: Tensor
+    has_position: Tensor
+    has_velocity: Tensor
+
+
+class FixTiming(NamedTuple):
+    """Where fixes fall among the samples, shape (..., M) each.
+
+    Attributes:
+        index: The fix is used at the end of interval ``index``, int64, not decreasing; −1 marks
+            padding that stands for no fix.
+        delay: End of that interval minus the time at which the fix was valid, s; what the car
+            moved meanwhile is taken off the prediction.
+    """
+
+    index: Tensor
+    delay: Tensor
+
+
+class Trajectory(NamedTuple):
+    """A navigation solution at the end of every interval, shape (..., T) each.
+
+    Attributes:
+        lat: Geodetic latitude, rad.
+        lon: Longitude, rad.
+        height: Height above the ellipsoid, m.
+        azimuth: Azimuth, rad, not wrapped.
+        v_e: Velocity to the east, m/s, mean over the interval.
+        v_n: Velocity to the north, m/s, mean over the interval.
+        v_u: Velocity up, m/s, mean over the interval.
+    """
+
+    lat: Tensor
+    lon: Tensor
+    height: Tensor
+    azimuth: Tensor
+    v_e: Tensor
+    v_n: Tensor
+    v_u: Tensor
