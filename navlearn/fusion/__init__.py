@@ -1,1 +1,1 @@
-"""Inertial sensors and GNSS together: error dynamics, measurement updates, the navigation filter."""
+"""Inertial sensors and GNSS together: error dynamics, updates, the navigation filter."""
