@@ -1,0 +1,208 @@
+"""Recipes: one question, one drive, its methods and its protocol.
+
+A recipe names one log, model specs, an outage protocol and training options; every key that it
+leaves out has a default, and :meth:`Recipe.resolved` writes all of them down.
+"""
+
+import platform
+import re
+from collections.abc import Mapping, Sequence
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+from pydantic import AfterValidator, Field, model_validator
+
+from navlearn.errors import ConfigError
+from navlearn.recipe.filter_options import checked_filter
+from navlearn.recipe.sections import (
+    CalibrationSection,
+    LogSource,
+    MechanizationSection,
+    OutageSection,
+    TrainingSection,
+)
+from navlearn.recipe.spec import ModelSpec, PlainName, Seed, load_spec
+from navlearn.recipe.strict import Section, nearest, parse
+from navlearn.recipe.yaml_file import YamlFile, read_yaml
+
+BASELINES: Final = ("dead_reckoning", "ekf_plain", "ekf")
+"""Methods that learn nothing."""
+
+DEFAULT_METHODS: Final = ("dead_reckoning", "ekf_plain", "ekf", "anarx")
+
+_VERSIONS: Final = "versions"
+
+
+class Recipe(Section):
+    """One experiment, complete.
+
+    Attributes:
+        name: Short name, used for files.
+        question: The question that the recipe answers, in one sentence.
+        log: The drive.
+        models: Specs of the error models.
+        methods: What is compared: baselines and names of models.
+        mechanization: How the car is dead-reckoned.
+        filter: Options of the filter that differ from their defaults, by name.
+        outages: Where GNSS is taken away.
+        training: What error models learn from.
+        calibration: How late streams are stamped.
+        seed: Seed of everything that is drawn and has no seed of its own.
+    """
+
+    name: PlainName
+    question: str = ""
+    log: LogSource
+    models: tuple[ModelSpec, ...] = ()
+    methods: Annotated[tuple[str, ...], Field(min_length=1)] = BASELINES
+    mechanization: MechanizationSection = MechanizationSection()
+    filter: Annotated[dict[str, Any], AfterValidator(checked_filter)] = Field(default_factory=dict)
+    outages: OutageSection = OutageSection()
+    training: TrainingSection = TrainingSection()
+    calibration: CalibrationSection = CalibrationSection()
+    seed: Seed = 0
+
+    @model_validator(mode="after")
+    def _methods_exist(self) -> "Recipe":
+        names = [spec.name for spec in self.models]
+        for name in names:
+            if name in BASELINES:
+                raise ValueError(f"a model cannot be named {name!r}: that is a baseline's name")
+            if names.count(name) > 1:
+                raise ValueError(f"two models are named {name!r}; give each its own name")
+        known = [*BASELINES, *names]
+        for method in self.methods:
+            if method not in known:
+                raise ValueError(
+                    f"unknown method {method!r}{nearest(method, known)} "
+                    f"(known: {', '.join(known)}; every other method needs a spec in models)"
+                )
+            if self.methods.count(method) > 1:
+                raise ValueError(f"the method {method!r} is listed twice; list each once")
+        return self
+
+    def model(self, name: str) -> ModelSpec:
+        """Return the spec of a model by its name."""
+        return next(spec for spec in self.models if spec.name == name)
+
+    def resolved(self) -> dict[str, Any]:
+        """Return the recipe with every default written out, and the versions that made it.
+
+        The mapping holds plain values and absolute paths; written as YAML and loaded again it
+        gives an equal recipe.
+        """
+        return {**self.model_dump(mode="json"), _VERSIONS: _versions()}
+
+
+def load_recipe(path: str | Path) -> Recipe:
+    """Read a recipe; paths in it are relative to its own folder.
+
+    Args:
+        path: A YAML file such as ``training/first_look.yaml``, or a run's resolved recipe.
+
+    Raises:
+        LogNotFoundError: The recipe or a spec that it names does not exist.
+        ConfigError: A key is unknown or a value is not allowed.
+    """
+    file = read_yaml(Path(path), what="recipe")
+    content = {key: value for key, value in file.content.items() if key != _VERSIONS}
+    if isinstance(content.get("models"), list):
+        content["models"] = [
+            _spec_entry(entry, file, i) for i, entry in enumerate(content["models"])
+        ]
+    if isinstance(content.get("log"), dict):
+        content["log"] = _absolute(content["log"], file.path.parent)
+    return parse(Recipe, content, file=file)
+
+
+def recipe_for(
+    log: str | Path,
+    format: str | None = None,
+    *,
+    outages: str = "10x60",
+    methods: Sequence[str] = DEFAULT_METHODS,
+    models: Sequence[str | Path] = (),
+    **sections: Any,
+) -> Recipe:
+    """Return the recipe that ``navlearn evaluate`` runs on a log.
+
+    Args:
+        log: Log file or folder; a ``.yaml`` file is taken for a descriptor.
+        format: Reader of the log; None for navlearn's own or a descriptor.
+        outages: Count and length, such as "10x60": ten outages of 60 s.
+        methods: Baselines and model names; ``anarx`` needs no spec file.
+        models: Spec files of further models.
+        **sections: Further entries of :class:`Recipe`, as plain values; ``outages`` options
+            beside count and length go into ``outage_options``.
+
+    Raises:
+        ConfigError: Something is not understood or not allowed.
+    """
+    count, duration = parse_outages(outages)
+    specs = [load_spec(path) for path in models]
+    if "anarx" in methods and all(spec.name != "anarx" for spec in specs):
+        specs.append(ModelSpec(name="anarx"))
+    protocol = {"count": count, "duration_s": duration, **sections.pop("outage_options", {})}
+    content = {
+        "name": re.sub(r"[^A-Za-z0-9_.-]", "_", Path(log).stem).lstrip("_.-") or "evaluation",
+        "question": f"How do {', '.join(methods)} compare through {outages} s GNSS outages?",
+        "log": _source(Path(log), format),
+        "models": [spec.model_dump() for spec in specs],
+        "methods": list(methods),
+        "outages": protocol,
+        **sections,
+    }
+    return parse(Recipe, content, file="evaluate")
+
+
+def parse_outages(text: str) -> tuple[int, float]:
+    """Return count and length (s) of outages written as "10x60".
+
+    Raises:
+        ConfigError: The text is not a count, an x, and a length in seconds.
+    """
+    found = re.fullmatch(r"\s*(\d+)\s*[x×]\s*(\d+(?:\.\d+)?)\s*s?\s*", text)
+    if found is None or int(found[1]) == 0 or float(found[2]) == 0:
+        raise ConfigError(
+            f"outages {text!r} are not understood; write COUNTxSECONDS, such as 10x60"
+        )
+    return int(found[1]), float(found[2])
+
+
+def _source(log: Path, format: str | None) -> dict[str, Any]:
+    if format is None and log.suffix in {".yaml", ".yml"}:
+        return {"descriptor": log.absolute()}
+    return {"path": log.absolute(), "format": format}
+
+
+def _spec_entry(entry: Any, file: YamlFile, index: int) -> Any:
+    """Return a model entry as a mapping, reading the spec file that it names."""
+    if not isinstance(entry, str):
+        return entry
+    path = file.path.parent / entry
+    if not path.is_file():
+        raise ConfigError(
+            f"{file.where(('models', index))}: there is no model spec {entry!r} "
+            f"(looked for {path}); paths are relative to the recipe"
+        )
+    return load_spec(path).model_dump()
+
+
+def _absolute(source: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Return the log's entries with paths that do not depend on where they are read from."""
+    placed = dict(source)
+    for key in ("descriptor", "path"):
+        if isinstance(placed.get(key), str):
+            placed[key] = (folder / placed[key]).resolve()
+    return placed
+
+
+def _versions() -> dict[str, str]:
+    found = {"python": platform.python_version()}
+    for package in ("navlearn", "torch", "numpy", "pandas", "lightning"):
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            found[package] = "unknown"
+    return found

@@ -1,0 +1,143 @@
+"""The sections of a recipe, one class each."""
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from navlearn.recipe.spec import Count, NotNegative, Positive, Seed
+from navlearn.recipe.strict import Section
+
+
+class LogSource(Section):
+    """Where the drive is: a descriptor of ``datasets/``, or a path and its format.
+
+    Attributes:
+        descriptor: YAML descriptor of a published log.
+        path: Log file or folder, for logs that need no descriptor.
+        format: Reader of ``path``: ``navlearn``, ``csv``, ``navinst`` or ``canedge``.
+    """
+
+    descriptor: Path | None = None
+    path: Path | None = None
+    format: str | None = None
+
+    @model_validator(mode="after")
+    def _one_source(self) -> "LogSource":
+        if (self.descriptor is None) == (self.path is None):
+            raise ValueError("give either 'descriptor' or 'path' (with 'format'), not both or none")
+        if self.format is not None and self.path is None:
+            raise ValueError("'format' belongs to 'path'; a descriptor names its own format")
+        return self
+
+
+class MechanizationSection(Section):
+    """How the car is dead-reckoned.
+
+    Attributes:
+        dims: 2 for the horizontal plane, 3 with tilt from the accelerometers and the odometer.
+        rate_hz: Rate at which the mechanization steps.
+    """
+
+    dims: Literal[2, 3] = 2
+    rate_hz: Annotated[float, Field(gt=0, le=1000)] = 10.0
+
+
+class OutageSection(Section):
+    """Where GNSS is taken away.
+
+    Attributes:
+        placement: ``spread`` evenly after the warm-up, ``listed`` times, or ``random``.
+        count: How many outages; for ``listed`` the number of ``times_s``.
+        duration_s: Length of each outage.
+        warm_up_s: Time from the log's start before which no outage starts.
+        times_s: Starts of the outages, for ``listed`` only.
+        seed: Seed of the draw, for ``random``.
+    """
+
+    placement: Literal["spread", "listed", "random"] = "spread"
+    count: Count = 10
+    duration_s: Positive = 60.0
+    warm_up_s: NotNegative = 600.0
+    times_s: tuple[NotNegative, ...] | None = None
+    seed: Seed = 0
+
+    @model_validator(mode="before")
+    @classmethod
+    def _count_listed(cls, content: Any) -> Any:
+        if not isinstance(content, dict):
+            return content
+        times = content.get("times_s")
+        if content.get("placement") == "listed" and isinstance(times, list | tuple):
+            return {"count": len(times), **content}
+        return content
+
+    @model_validator(mode="after")
+    def _times_belong_to_listed(self) -> "OutageSection":
+        if (self.placement == "listed") != (self.times_s is not None):
+            raise ValueError(
+                "'times_s' lists the starts for placement 'listed', and only for it; "
+                f"found placement {self.placement!r} with times_s {self.times_s}"
+            )
+        if self.times_s is not None and self.count != len(self.times_s):
+            raise ValueError(
+                f"count is {self.count} but times_s lists {len(self.times_s)}; drop count"
+            )
+        return self
+
+
+class TrainingSection(Section):
+    """What an error model learns from, for every outage anew.
+
+    Attributes:
+        regime: ``online``: this drive, before the outage.
+        horizon_s: Length of the emulated outages it learns from.
+        restart_every_s: Time between the starts of emulated outages.
+        step_s: Sampling interval of regressors and targets.
+        window_s: How far back before the outage training reaches; null for all of it.
+        gap_s: Time left unused between training and validation data.
+    """
+
+    regime: Literal["online"] = "online"
+    horizon_s: Positive = 60.0
+    restart_every_s: Positive = 10.0
+    step_s: Positive = 1.0
+    window_s: Positive | None = None
+    gap_s: NotNegative = 10.0
+
+    @model_validator(mode="after")
+    def _lengths_fit(self) -> "TrainingSection":
+        if self.horizon_s < self.step_s:
+            raise ValueError(
+                f"horizon_s {self.horizon_s} is shorter than one step_s {self.step_s}; "
+                "an emulated outage needs at least one step"
+            )
+        if self.window_s is not None and self.window_s < self.horizon_s:
+            raise ValueError(
+                f"window_s {self.window_s} is shorter than horizon_s {self.horizon_s}; "
+                "a window must hold at least one emulated outage"
+            )
+        return self
+
+
+def _latency(value: Any) -> Any:
+    if value == "estimate":
+        return value
+    if isinstance(value, bool) or not isinstance(value, int | float) or abs(value) > 10.0:
+        raise ValueError(f"expected 'estimate' or seconds from -10 to 10, found {value!r}")
+    return float(value)
+
+
+Latency = Annotated[Literal["estimate"] | float, BeforeValidator(_latency)]
+
+
+class CalibrationSection(Section):
+    """How late streams are stamped against the IMU.
+
+    Attributes:
+        odometer_latency: Seconds, or ``estimate`` from the drive before the first outage.
+        gnss_latency: Seconds, or ``estimate`` likewise.
+    """
+
+    odometer_latency: Latency = "estimate"
+    gnss_latency: Latency = "estimate"

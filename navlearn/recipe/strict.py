@@ -1,0 +1,102 @@
+"""Strict sections: unknown keys are refused, and every refusal says where and what is allowed."""
+
+import difflib
+import inspect
+import typing
+from collections.abc import Iterable, Mapping
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic_core import ErrorDetails
+
+from navlearn.errors import ConfigError
+from navlearn.recipe.yaml_file import KeyPath, YamlFile
+
+S = TypeVar("S", bound="Section")
+
+
+class Section(BaseModel):
+    """Base of every section: frozen, and without keys of one's own invention."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+def parse(section: type[S], content: Mapping[str, Any], *, file: YamlFile | str) -> S:
+    """Return a section made of plain values.
+
+    Args:
+        section: The class to make.
+        content: Its keys and values.
+        file: Where they were read, or words that say where they came from.
+
+    Raises:
+        ConfigError: Something is unknown, missing or wrong; every finding is listed.
+    """
+    try:
+        return section.model_validate(content)
+    except ValidationError as problem:
+        findings = [_finding(section, details, file) for details in problem.errors()]
+        raise ConfigError("\n".join(dict.fromkeys(findings))) from None
+
+
+def nearest(word: str, known: Iterable[str]) -> str:
+    """Return "; did you mean 'x'?" for the known word most like another, or nothing."""
+    alike = difflib.get_close_matches(word, list(known), n=1, cutoff=0.5)
+    return f"; did you mean {alike[0]!r}?" if alike else ""
+
+
+def _finding(section: type[Section], details: ErrorDetails, file: YamlFile | str) -> str:
+    key_path = tuple(details["loc"])
+    where = file if isinstance(file, str) else file.where(key_path)
+    return f"{where}: {_explain(section, key_path, details)}"
+
+
+def _explain(section: type[Section], key_path: KeyPath, details: ErrorDetails) -> str:
+    name = _dotted(key_path)
+    kind, value = details["type"], details["input"]
+    if kind == "extra_forbidden":
+        known = _known_keys(section, key_path[:-1])
+        place = f" in {_dotted(key_path[:-1])}" if key_path[:-1] else ""
+        key = str(key_path[-1])
+        return f"unknown key {key!r}{place}{nearest(key, known)} (known: {', '.join(known)})"
+    if kind == "missing":
+        return f"the key {name!r} is missing; it must be given"
+    context = details.get("ctx", {})
+    if kind == "literal_error":
+        hint = nearest(str(value), _quoted(str(context["expected"])))
+        return f"{name} is {value!r}; expected {context['expected']}{hint}"
+    if kind == "value_error":
+        said = str(context["error"])
+        return f"{name}: {said}" if name else said
+    wanted = details["msg"].replace("Input should be ", "expected ")
+    return f"{name} is {value!r}; {wanted}"
+
+
+def _quoted(text: str) -> list[str]:
+    return text.split("'")[1::2]
+
+
+def _dotted(key_path: KeyPath) -> str:
+    parts = [f"[{key}]" if isinstance(key, int) else f".{key}" for key in key_path]
+    return "".join(parts).removeprefix(".")
+
+
+def _known_keys(section: type[Section], key_path: KeyPath) -> list[str]:
+    """Return the keys of the section that a path leads to."""
+    current = section
+    for key in key_path:
+        if isinstance(key, str):
+            field = current.model_fields[key]
+            current = _section_in(field.annotation) or current
+    return list(current.model_fields)
+
+
+def _section_in(annotation: Any) -> type[Section] | None:
+    """Return the section that a field's type holds, looking into lists and unions."""
+    if inspect.isclass(annotation) and issubclass(annotation, Section):
+        return annotation
+    for inner in typing.get_args(annotation):
+        found = _section_in(inner)
+        if found is not None:
+            return found
+    return None
