@@ -92,7 +92,7 @@ class FixTiming(NamedTuple):
             moved meanwhile is taken off the prediction.
     """
 
-    index: Tensor
+    index: Tensor  # type: ignore[assignment]  # hides tuple.index, which no one calls
     delay: Tensor
 
 
