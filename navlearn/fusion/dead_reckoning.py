@@ -77,7 +77,8 @@ def fit_course(
 ) -> tuple[Tensor, Tensor, int]:
     """Return azimuth now, gyro bias and the number of fixes that told them.
 
-    Course = A₀ − turned angle + b t, weighted by speed squared (course noise is σ_v / v).
+    Course = A₀ − turned angle + b t, weighted by odometer speed squared (course noise is
+    σ_v / v, and a wild GNSS velocity must not weigh itself up).
 
     Args:
         samples: Intervals up to now, shape (T,) each.
@@ -94,14 +95,16 @@ def fit_course(
     turned = torch.cumsum(samples.yaw_rate * samples.dt, -1)
     clock = torch.cumsum(samples.dt, -1)
     speed = torch.hypot(fixes.v_e, fixes.v_n)
-    usable = (timing.index >= 0) & (fixes.has_velocity > 0) & (speed > options.speed)
+    odometer = samples.speed[timing.index.clamp(min=0)]
+    usable = (timing.index >= 0) & (fixes.has_velocity > 0)
+    usable = usable & (torch.minimum(speed, odometer) > options.speed)
     if not bool(usable.any()):
         raise LogError(
             f"dead reckoning: no fix faster than {options.speed:g} m/s before the outage tells "
             "a course; start the outage later or lower DeadReckoningOptions.speed"
         )
     index = timing.index.clamp(min=0)
-    recent = usable & (clock[index] > clock[-1] - options.window)
+    recent = usable & (clock[index] > clock[-1] - options.window + 1e-6)
     if int(recent.sum()) < options.minimum_fixes:
         last = int(torch.nonzero(usable)[-1])
         bias = _bias_at_rest(samples, fixes.lat[last])
@@ -115,7 +118,7 @@ def fit_course(
     residual = torch.atan2(fixes.v_e[recent], fixes.v_n[recent]) + angle
     start = residual[-1]
     residual = wrap_angle(residual - start)
-    weight = speed[recent] ** 2
+    weight = odometer[recent] ** 2
     slope, level = _robust_line(time, residual, weight)
     return start + level, slope, int(recent.sum())
 
