@@ -139,6 +139,8 @@ def recipe_for(
     Raises:
         ConfigError: Something is not understood or not allowed.
     """
+    from navlearn.outages.schedule import parse_outages
+
     count, duration = parse_outages(outages)
     specs = [load_spec(path) for path in models]
     if "anarx" in methods and all(spec.name != "anarx" for spec in specs):
@@ -154,20 +156,6 @@ def recipe_for(
         **sections,
     }
     return parse(Recipe, content, file="evaluate")
-
-
-def parse_outages(text: str) -> tuple[int, float]:
-    """Return count and length (s) of outages written as "10x60".
-
-    Raises:
-        ConfigError: The text is not a count, an x, and a length in seconds.
-    """
-    found = re.fullmatch(r"\s*(\d+)\s*[x×]\s*(\d+(?:\.\d+)?)\s*s?\s*", text)
-    if found is None or int(found[1]) == 0 or float(found[2]) == 0:
-        raise ConfigError(
-            f"outages {text!r} are not understood; write COUNTxSECONDS, such as 10x60"
-        )
-    return int(found[1]), float(found[2])
 
 
 def _source(log: Path, format: str | None) -> dict[str, Any]:

@@ -1,12 +1,17 @@
 """The sections of a recipe, one class each."""
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
 from navlearn.recipe.spec import Count, NotNegative, Positive, Seed
 from navlearn.recipe.strict import Section
+
+if TYPE_CHECKING:
+    from navlearn.outages.schedule import OutageProtocol
+
+Dynamics = Literal["straight", "turn", "stop", "motorway", "hill"]
 
 
 class LogSource(Section):
@@ -44,23 +49,42 @@ class MechanizationSection(Section):
 
 
 class OutageSection(Section):
-    """Where GNSS is taken away.
+    """Where GNSS is taken away; the fields of :class:`navlearn.outages.schedule.OutageProtocol`.
 
     Attributes:
-        placement: ``spread`` evenly after the warm-up, ``listed`` times, or ``random``.
+        placement: ``spread`` evenly, ``listed`` times, ``random``, or ``by_dynamics``.
         count: How many outages; for ``listed`` the number of ``times_s``.
         duration_s: Length of each outage.
         warm_up_s: Time from the log's start before which no outage starts.
-        times_s: Starts of the outages, for ``listed`` only.
+        warm_up_moving_s: Time the car must have moved before the first outage.
+        min_gap_s: Shortest time from the end of one outage to the start of the next.
         seed: Seed of the draw, for ``random``.
+        times_s: Starts of the outages, for ``listed`` only.
+        classes: Dynamics that ``by_dynamics`` looks for.
+        min_mean_speed: Lowest mean speed through an outage, m/s.
+        max_fix_interval_s: Good GNSS has fixes at most this far apart.
+        good_before_s: How long GNSS must have been good before an outage.
+        max_reference_interval_s: A longer hole in the reference makes it bad.
+        max_reference_slip: Disagreement of the reference with its own velocity that makes it
+            bad, m.
+        slip_span_s: Time over which that disagreement is taken.
     """
 
-    placement: Literal["spread", "listed", "random"] = "spread"
+    placement: Literal["spread", "listed", "random", "by_dynamics"] = "spread"
     count: Count = 10
     duration_s: Positive = 60.0
-    warm_up_s: NotNegative = 600.0
-    times_s: tuple[NotNegative, ...] | None = None
+    warm_up_s: NotNegative = 300.0
+    warm_up_moving_s: NotNegative = 60.0
+    min_gap_s: NotNegative = 30.0
     seed: Seed = 0
+    times_s: tuple[NotNegative, ...] | None = None
+    classes: tuple[Dynamics, ...] = ("straight", "turn", "stop", "motorway", "hill")
+    min_mean_speed: NotNegative = 2.0
+    max_fix_interval_s: Positive = 3.0
+    good_before_s: NotNegative = 30.0
+    max_reference_interval_s: Positive = 2.5
+    max_reference_slip: NotNegative = 5.0
+    slip_span_s: Positive = 10.0
 
     @model_validator(mode="before")
     @classmethod
@@ -74,7 +98,7 @@ class OutageSection(Section):
 
     @model_validator(mode="after")
     def _times_belong_to_listed(self) -> "OutageSection":
-        if (self.placement == "listed") != (self.times_s is not None):
+        if (self.placement == "listed") != bool(self.times_s):
             raise ValueError(
                 "'times_s' lists the starts for placement 'listed', and only for it; "
                 f"found placement {self.placement!r} with times_s {self.times_s}"
@@ -83,7 +107,16 @@ class OutageSection(Section):
             raise ValueError(
                 f"count is {self.count} but times_s lists {len(self.times_s)}; drop count"
             )
+        if not self.classes or len(set(self.classes)) != len(self.classes):
+            raise ValueError(f"classes are {list(self.classes)}; give some, each once")
         return self
+
+    def protocol(self) -> "OutageProtocol":
+        """Return the section as the outage protocol that places outages."""
+        from navlearn.outages.schedule import OutageProtocol
+
+        values = {name.removesuffix("_s"): value for name, value in self.model_dump().items()}
+        return OutageProtocol(**{**values, "times": self.times_s or ()})
 
 
 class TrainingSection(Section):
