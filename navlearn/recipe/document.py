@@ -112,7 +112,7 @@ def load_recipe(path: str | Path) -> Recipe:
             _spec_entry(entry, file, i) for i, entry in enumerate(content["models"])
         ]
     if isinstance(content.get("log"), dict):
-        content["log"] = _absolute(content["log"], file.path.parent)
+        content["log"] = _absolute(content["log"], file)
     return parse(Recipe, content, file=file)
 
 
@@ -177,12 +177,16 @@ def _spec_entry(entry: Any, file: YamlFile, index: int) -> Any:
     return load_spec(path).model_dump()
 
 
-def _absolute(source: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+def _absolute(source: Mapping[str, Any], file: YamlFile) -> dict[str, Any]:
     """Return the log's entries with paths that do not depend on where they are read from."""
     placed = dict(source)
     for key in ("descriptor", "path"):
         if isinstance(placed.get(key), str):
-            placed[key] = (folder / placed[key]).resolve()
+            try:
+                placed[key] = (file.path.parent / placed[key]).resolve()
+            except (ValueError, RuntimeError):
+                where = file.where(("log", key))
+                raise ConfigError(f"{where}: {placed[key]!r} cannot be a path") from None
     return placed
 
 
