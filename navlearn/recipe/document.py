@@ -9,12 +9,13 @@ import re
 from collections.abc import Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 from pydantic import AfterValidator, Field, model_validator
 
 from navlearn.errors import ConfigError
-from navlearn.recipe.filter_options import checked_filter
+from navlearn.outages.schedule import parse_outages
+from navlearn.recipe.filter_options import checked_filter, ekf_options
 from navlearn.recipe.sections import (
     CalibrationSection,
     LogSource,
@@ -25,6 +26,9 @@ from navlearn.recipe.sections import (
 from navlearn.recipe.spec import ModelSpec, PlainName, Seed, load_spec
 from navlearn.recipe.strict import Section, nearest, parse
 from navlearn.recipe.yaml_file import YamlFile, read_yaml
+
+if TYPE_CHECKING:
+    from navlearn.fusion.options import EkfOptions
 
 BASELINES: Final = ("dead_reckoning", "ekf_plain", "ekf")
 """Methods that learn nothing."""
@@ -86,6 +90,10 @@ class Recipe(Section):
         """Return the spec of a model by its name."""
         return next(spec for spec in self.models if spec.name == name)
 
+    def ekf_options(self) -> "EkfOptions":
+        """Return the filter's options: their defaults under the recipe's ``filter``."""
+        return ekf_options(self.filter)
+
     def resolved(self) -> dict[str, Any]:
         """Return the recipe with every default written out, and the versions that made it.
 
@@ -139,8 +147,6 @@ def recipe_for(
     Raises:
         ConfigError: Something is not understood or not allowed.
     """
-    from navlearn.outages.schedule import parse_outages
-
     count, duration = parse_outages(outages)
     specs = [load_spec(path) for path in models]
     if "anarx" in methods and all(spec.name != "anarx" for spec in specs):

@@ -2,43 +2,89 @@
 
 import dataclasses
 import typing
-from typing import Any
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
-from pydantic import ConfigDict, TypeAdapter, ValidationError
+from pydantic import TypeAdapter, ValidationError
 
 from navlearn.recipe.strict import nearest
 
+if TYPE_CHECKING:
+    from navlearn.fusion.options import EkfOptions
+
 
 def checked_filter(overrides: dict[str, Any]) -> dict[str, Any]:
-    """Return overrides of filter options as values of their fields' types.
+    """Return overrides of filter options with every value of its field's type.
 
     Args:
-        overrides: Values by name of a field of :class:`navlearn.fusion.EkfOptions`.
+        overrides: Values by name of a field of :class:`navlearn.fusion.options.EkfOptions`;
+            groups such as ``noise`` are mappings themselves.
 
     Raises:
-        ValueError: A name is unknown or a value does not fit its field.
+        ValueError: A name is unknown or a value is not allowed.
     """
     if not overrides:
         return {}
-    import navlearn.fusion
+    from navlearn.fusion.options import EkfOptions
 
-    options = getattr(navlearn.fusion, "EkfOptions", None)
-    if options is None:
-        return overrides
-    types = typing.get_type_hints(options)
+    checked = _checked(EkfOptions, overrides, prefix="")
+    _built(EkfOptions, checked)
+    return checked
+
+
+def ekf_options(overrides: Mapping[str, Any]) -> "EkfOptions":
+    """Return the filter's options with overrides laid over their defaults.
+
+    Args:
+        overrides: As :func:`checked_filter` returns them.
+
+    Raises:
+        ConfigError: The options do not go together.
+    """
+    from navlearn.fusion.options import EkfOptions
+
+    built: EkfOptions = _built(EkfOptions, overrides)
+    return built
+
+
+def _checked(options: type[Any], overrides: Mapping[str, Any], *, prefix: str) -> dict[str, Any]:
+    wanted = typing.get_type_hints(options)
     known = [field.name for field in dataclasses.fields(options)]
-    for name in overrides:
+    checked: dict[str, Any] = {}
+    for name, value in overrides.items():
         if name not in known:
             raise ValueError(
-                f"unknown key {name!r}{nearest(name, known)} (known: {', '.join(known)})"
+                f"unknown key {prefix + str(name)!r}{nearest(str(name), known)} "
+                f"(known: {', '.join(known)})"
             )
-    return {name: _converted(name, value, types[name]) for name, value in overrides.items()}
+        if dataclasses.is_dataclass(wanted[name]):
+            if not isinstance(value, Mapping):
+                raise ValueError(f"{prefix}{name} is {value!r}; expected a mapping of options")
+            group = typing.cast("type[Any]", wanted[name])
+            checked[name] = _checked(group, value, prefix=f"{prefix}{name}.")
+        else:
+            checked[name] = _converted(prefix + name, value, wanted[name])
+    return checked
 
 
 def _converted(name: str, value: Any, wanted: Any) -> Any:
-    adapter = TypeAdapter(wanted, config=ConfigDict(arbitrary_types_allowed=True))
     try:
-        return adapter.validate_python(value)
+        return TypeAdapter(wanted).validate_python(value)
     except ValidationError as problem:
         said = problem.errors()[0]["msg"].replace("Input should be ", "expected ")
         raise ValueError(f"{name} is {value!r}; {said}") from None
+
+
+def _built(options: type[Any], overrides: Mapping[str, Any]) -> Any:
+    """Return options with overrides; mappings of numbers are laid over their defaults too."""
+    wanted = typing.get_type_hints(options)
+    default = options()
+    values: dict[str, Any] = {}
+    for name, value in overrides.items():
+        if dataclasses.is_dataclass(wanted[name]):
+            values[name] = _built(typing.cast("type[Any]", wanted[name]), value)
+        elif isinstance(value, Mapping):
+            values[name] = {**getattr(default, name), **value}
+        else:
+            values[name] = value
+    return dataclasses.replace(default, **values)

@@ -1,17 +1,17 @@
 """The sections of a recipe, one class each."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
+from navlearn.outages.schedule import OutageProtocol
 from navlearn.recipe.spec import Count, NotNegative, Positive, Seed
 from navlearn.recipe.strict import Section
 
-if TYPE_CHECKING:
-    from navlearn.outages.schedule import OutageProtocol
-
 Dynamics = Literal["straight", "turn", "stop", "motorway", "hill"]
+
+_PLACED = OutageProtocol()
 
 
 class LogSource(Section):
@@ -71,20 +71,20 @@ class OutageSection(Section):
     """
 
     placement: Literal["spread", "listed", "random", "by_dynamics"] = "spread"
-    count: Count = 10
-    duration_s: Positive = 60.0
-    warm_up_s: NotNegative = 300.0
-    warm_up_moving_s: NotNegative = 60.0
-    min_gap_s: NotNegative = 30.0
-    seed: Seed = 0
+    count: Count = _PLACED.count
+    duration_s: Positive = _PLACED.duration
+    warm_up_s: NotNegative = _PLACED.warm_up
+    warm_up_moving_s: NotNegative = _PLACED.warm_up_moving
+    min_gap_s: NotNegative = _PLACED.min_gap
+    seed: Seed = _PLACED.seed
     times_s: tuple[NotNegative, ...] | None = None
     classes: tuple[Dynamics, ...] = ("straight", "turn", "stop", "motorway", "hill")
-    min_mean_speed: NotNegative = 2.0
-    max_fix_interval_s: Positive = 3.0
-    good_before_s: NotNegative = 30.0
-    max_reference_interval_s: Positive = 2.5
-    max_reference_slip: NotNegative = 5.0
-    slip_span_s: Positive = 10.0
+    min_mean_speed: NotNegative = _PLACED.min_mean_speed
+    max_fix_interval_s: Positive = _PLACED.max_fix_interval
+    good_before_s: NotNegative = _PLACED.good_before
+    max_reference_interval_s: Positive = _PLACED.max_reference_interval
+    max_reference_slip: NotNegative = _PLACED.max_reference_slip
+    slip_span_s: Positive = _PLACED.slip_span
 
     @model_validator(mode="before")
     @classmethod
@@ -111,10 +111,8 @@ class OutageSection(Section):
             raise ValueError(f"classes are {list(self.classes)}; give some, each once")
         return self
 
-    def protocol(self) -> "OutageProtocol":
+    def protocol(self) -> OutageProtocol:
         """Return the section as the outage protocol that places outages."""
-        from navlearn.outages.schedule import OutageProtocol
-
         values = {name.removesuffix("_s"): value for name, value in self.model_dump().items()}
         return OutageProtocol(**{**values, "times": self.times_s or ()})
 

@@ -30,17 +30,19 @@ class SafeguardSpec(Section):
     """When a correction is trusted, and how far.
 
     Attributes:
-        clamp_inputs: Whether inputs are held inside the range seen in training.
-        limit_spreads: Largest correction, in multiples of the training targets' spread; null
-            for no limit.
+        bounds: Whether inputs are clamped to their training range and outputs limited.
+        output_limit: Limit of an output about its training mean, in training standard
+            deviations.
         gate: Whether the model must first prove itself on recent emulated outages.
-        gate_margin: Share by which it must beat the uncorrected solution there.
+        gate_margin: Least improvement asked for there, as a share of the error without.
+        gate_fewest: Fewest emulated outages that can prove it.
     """
 
-    clamp_inputs: bool = True
-    limit_spreads: Positive | None = 3.0
+    bounds: bool = True
+    output_limit: Positive = 5.0
     gate: bool = True
-    gate_margin: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    gate_margin: Annotated[float, Field(ge=0, lt=1)] = 0.05
+    gate_fewest: Count = 5
 
 
 class ModelSpec(Section):
@@ -51,7 +53,7 @@ class ModelSpec(Section):
         type: Kind of model.
         acts_on: What its output corrects.
         inputs: Regressors beside the model's own past outputs.
-        lags: Past samples that each sub-network set reaches back.
+        lags: Number of lags, each with a sub-network of its own.
         hidden: Hidden units of each lag's sub-network.
         activation: Hidden activation.
         linear_path: Whether each lag also has a direct linear term.
@@ -69,8 +71,8 @@ class ModelSpec(Section):
     acts_on: Literal["position"] = "position"
     inputs: Annotated[tuple[str, ...], Field(min_length=1)] = ("yaw_rate", "speed", "delay")
     lags: Count = 2
-    hidden: Count = 4
-    activation: Literal["sigmoid", "tanh"] = "tanh"
+    hidden: Count = 5
+    activation: Literal["sigmoid", "tanh"] = "sigmoid"
     linear_path: bool = True
     trainer: Literal["lm", "adam"] = "lm"
     loop: Literal["closed", "open"] = "closed"

@@ -18,7 +18,9 @@ S = TypeVar("S", bound="Section")
 class Section(BaseModel):
     """Base of every section: frozen, and without keys of one's own invention."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, allow_inf_nan=False, ser_json_inf_nan="constants"
+    )
 
 
 def parse(section: type[S], content: Mapping[str, Any], *, file: YamlFile | str) -> S:

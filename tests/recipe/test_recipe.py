@@ -1,5 +1,7 @@
 """Recipes: what is understood, what is refused and with which words."""
 
+from dataclasses import replace
+from inspect import signature
 from pathlib import Path
 
 import pytest
@@ -7,7 +9,10 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from navlearn.error_models.anarx import AnarxOptions
+from navlearn.error_models.safeguard import rolling_origin_gate
 from navlearn.errors import ConfigError, LogNotFoundError, NavlearnError
+from navlearn.fusion.options import EkfOptions
 from navlearn.outages.schedule import OutageProtocol
 from navlearn.recipe import ModelSpec, Recipe, load_recipe, load_spec, recipe_for
 from navlearn.recipe.sections import OutageSection
@@ -50,7 +55,7 @@ def test_spec_is_read_relative_to_the_recipe(tmp_path: Path) -> None:
 
 
 def test_resolved_recipe_loads_as_the_same_recipe(tmp_path: Path) -> None:
-    write(tmp_path, "name: tiny\ninputs: [speed]\nsafeguard: {limit_spreads: null}\n", "tiny.yaml")
+    write(tmp_path, "name: tiny\ninputs: [speed]\nsafeguard: {output_limit: 3}\n", "tiny.yaml")
     text = LEAST + (
         "models: [tiny.yaml]\nmethods: [tiny, ekf]\nseed: 7\n"
         "outages: {placement: listed, times_s: [700, 900.5], duration_s: 30}\n"
@@ -80,6 +85,34 @@ def test_outage_section_becomes_the_protocol_it_says() -> None:
     protocol = section.protocol()
     assert protocol.times == (5.0, 90.0)
     assert (protocol.duration, protocol.seed) == (9.0, 3)
+
+
+def test_filter_overrides_lie_over_the_defaults(tmp_path: Path) -> None:
+    text = LEAST + (
+        "filter: {model: bias_free, correlation_time: .inf, lever_arm: [0, 1, 2],\n"
+        "  gyro_terms: [bias, scale], noise: {turn_noise: 1e-3}, initial: {gyro: {bias: 0.5}}}\n"
+    )
+    recipe = load_recipe(write(tmp_path, text))
+    options, default = recipe.ekf_options(), EkfOptions()
+    assert options.model == "bias_free"
+    assert options.lever_arm == (0.0, 1.0, 2.0)
+    assert options.noise == replace(default.noise, turn_noise=1e-3)
+    assert options.initial.gyro == {**default.initial.gyro, "bias": 0.5}
+    assert options.gate == default.gate
+    again = write(tmp_path, yaml.safe_dump(recipe.resolved()), "resolved.yaml")
+    assert load_recipe(again) == recipe
+    assert load_recipe(again).ekf_options() == options
+
+
+def test_spec_has_the_defaults_of_the_model_that_it_describes() -> None:
+    spec, options = ModelSpec(name="anarx"), AnarxOptions(inputs=3)
+    for name in ("lags", "hidden", "activation", "linear_path"):
+        assert getattr(spec, name) == getattr(options, name)
+    assert spec.safeguard.bounds == options.safeguard
+    assert spec.safeguard.output_limit == options.output_limit
+    gate = signature(rolling_origin_gate).parameters
+    assert spec.safeguard.gate_margin == gate["margin"].default
+    assert spec.safeguard.gate_fewest == gate["fewest"].default
 
 
 @pytest.mark.parametrize(
@@ -112,6 +145,12 @@ def test_outage_section_becomes_the_protocol_it_says() -> None:
         ("models: [{name: a, safeguard: {gat: no}}]", ["models[0].safeguard", "'gate'"]),
         ("models: [{name: a/b}]", ["'a/b' cannot be part of a file's name"]),
         ("name: twice", ["recipe.yaml:3", "'name' stands twice"]),
+        ("filter: {modl: x}", ["filter", "unknown key 'modl'", "did you mean 'model'"]),
+        ("filter: {noise: {gyro_walk: 1}}", ["'noise.gyro_walk'", "gyro_bias_walk"]),
+        ("filter: {noise: {turn_noise: much}}", ["noise.turn_noise is 'much'", "number"]),
+        ("filter: {noise: 3}", ["noise is 3", "mapping"]),
+        ("filter: {model: bias}", ["model is 'bias'", "bias_scale"]),
+        ("filter: {max_block: -1}", ["max_block", "more than 0 s"]),
         ("filter: 3", ["filter is 3", "dictionary"]),
         ('models: ["a\\0b"]', ["no model spec"]),
     ],
