@@ -1,0 +1,253 @@
+"""One call: a motion, a sensor grade and a seed become a drive log with its truth."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from navlearn.errors import ConfigError
+from navlearn.logs.drive_log import DriveLog, LogMetadata
+from navlearn.logs.synthetic.aiding import fix_table, odometer_table, reference_table
+from navlearn.logs.synthetic.draws import Array, generator
+from navlearn.logs.synthetic.grades import SensorGrade, find_grade
+from navlearn.logs.synthetic.inertial_errors import (
+    AXES,
+    AxisErrors,
+    accelerometer_errors,
+    gyro_errors,
+    warming,
+)
+from navlearn.logs.synthetic.inverse import (
+    Truth,
+    grid_stride,
+    ideal_inertial,
+    integrate,
+    interval_means,
+    truth_at,
+)
+from navlearn.logs.synthetic.motion import Motion
+from navlearn.logs.synthetic.profile import draw_motion
+
+ORIGIN = (math.radians(44.23), math.radians(-76.49), 60.0)
+"""Where drives start unless said otherwise: latitude (rad), longitude (rad), height (m)."""
+
+START_TEMPERATURE = 21.0
+"""Of the sensors, °C."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulatedDrive:
+    """A simulated drive with what only a simulation knows; N IMU samples.
+
+    Attributes:
+        log: What the sensors read; its reference is the truth.
+        ideal: The same drive with error-free sensors at the same stamps, without latency.
+        gyro_errors: Parts of the z gyro's error and their coefficients.
+        motion: The drive itself.
+        grade: The sensors' figures.
+        seed: Seed of every draw.
+    """
+
+    log: DriveLog
+    ideal: DriveLog
+    gyro_errors: AxisErrors
+    motion: Motion
+    grade: SensorGrade
+    seed: int
+
+    @property
+    def gyro_deterministic_error(self) -> Array:
+        """Deterministic part of the z gyro's error, turn-on bias included, rad/s, shape (N,)."""
+        return self.gyro_errors.deterministic_total()
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Scene:
+    """What one drive holds before any sensor reads it."""
+
+    motion: Motion
+    grid: Truth
+    end: float
+    odometer_rate_hz: float
+    fix_rate_hz: float
+    lever_arm: tuple[float, float, float]
+    reference: pd.DataFrame
+    seed: int
+
+    def log(
+        self, measured: SensorGrade, imu: pd.DataFrame, stamped: SensorGrade, about: LogMetadata
+    ) -> DriveLog:
+        """Return the log of one set of sensors, at the stamps that ``stamped`` would have."""
+        at_odometer = stamps(self.end, self.odometer_rate_hz, stamped.odometer.latency)
+        at_fix = stamps(self.end, self.fix_rate_hz, stamped.gnss.latency)
+        speed = self.motion.at(at_odometer - measured.odometer.latency).speed
+        where = truth_at(self.grid, self.motion, at_fix - measured.gnss.latency)
+        return DriveLog(
+            imu=imu,
+            odometer=odometer_table(at_odometer, speed, grade=measured.odometer, seed=self.seed),
+            fixes=fix_table(
+                at_fix, where, grade=measured.gnss, lever_arm=self.lever_arm, seed=self.seed
+            ),
+            reference=self.reference.copy(),
+            metadata=about,
+        )
+
+
+def stamps(end: float, rate_hz: float, latency: float) -> Array:
+    """Return uniform stamps up to ``end``, none of which was valid before t = 0, s."""
+    return np.arange(math.ceil(latency * rate_hz - 1e-9), math.floor(end * rate_hz + 1e-9) + 1) / (
+        rate_hz
+    )
+
+
+def simulate_drive(
+    *,
+    profile: str | Motion = "mixed",
+    grade: str | SensorGrade = "mems_m",
+    duration: float = 1800.0,
+    seed: int = 0,
+    imu_rate_hz: float = 100.0,
+    odometer_rate_hz: float = 10.0,
+    fix_rate_hz: float = 1.0,
+    reference_rate_hz: float = 10.0,
+    origin: tuple[float, float, float] = ORIGIN,
+    lever_arm: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    standstill: float = 30.0,
+    name: str | None = None,
+) -> SimulatedDrive:
+    """Return a seeded drive: log, error-free log, and the gyro's deterministic error.
+
+    IMU samples are means over the interval that ends at their stamp; odometer and fixes are
+    instantaneous and stamped late by their grade's latency.
+
+    Args:
+        profile: Name of a driving profile, or a motion (of a recorded trajectory, say).
+        grade: Name of a sensor grade, or a grade.
+        duration: Length, s; a motion that is shorter ends the drive.
+        seed: Seed of every draw, not negative.
+        imu_rate_hz: Rate of the inertial samples, Hz.
+        odometer_rate_hz: Rate of the odometer, Hz.
+        fix_rate_hz: Rate of the fixes, Hz.
+        reference_rate_hz: Rate of the truth in the log's reference, Hz.
+        origin: Start: latitude (rad), longitude (rad), height (m).
+        lever_arm: Antenna from the IMU, right, forward, up, m.
+        standstill: How long the car stands before it starts, s; for named profiles.
+        name: Name of the log; made of profile, grade and seed where None.
+
+    Raises:
+        ConfigError: A name is not known, or a figure makes no sense.
+    """
+    figures = find_grade(grade)
+    _check(
+        seed,
+        origin,
+        imu_rate_hz=imu_rate_hz,
+        odometer_rate_hz=odometer_rate_hz,
+        fix_rate_hz=fix_rate_hz,
+        reference_rate_hz=reference_rate_hz,
+    )
+    kind = "motion" if isinstance(profile, Motion) else profile
+    motion = (
+        profile
+        if isinstance(profile, Motion)
+        else draw_motion(profile, duration=duration, seed=seed, standstill=standstill)
+    )
+    stride, dt = grid_stride(imu_rate_hz), 1.0 / imu_rate_hz
+    count = math.floor(min(duration, motion.duration) * imu_rate_hz + 1e-9)
+    if count < 2:
+        raise ConfigError(f"duration: found {duration} s, expected at least two IMU samples")
+    # Whole fractions of a grid step: the last stamp may not overshoot the motion's end.
+    grid = integrate(motion, origin, np.arange(count * stride + 1) / (imu_rate_hz * stride))
+    at_reference = stamps(count * dt, reference_rate_hz, 0.0)
+    scene = _Scene(
+        motion=motion,
+        grid=grid,
+        end=float(grid.t[-1]),
+        odometer_rate_hz=odometer_rate_hz,
+        fix_rate_hz=fix_rate_hz,
+        lever_arm=lever_arm,
+        reference=reference_table(truth_at(grid, motion, at_reference)),
+        seed=seed,
+    )
+    t = grid.t[stride::stride]
+    rate, force = (interval_means(a, stride) for a in ideal_inertial(grid))
+    warm = warming(t, figures.warming_k, figures.warming_time)
+    gyros = gyro_errors(rate, force, warm, dt, grade=figures.gyro, seed=seed)
+    accels = accelerometer_errors(force, warm, dt, grade=figures.accelerometer, seed=seed)
+    read_rate = [e.apply(rate[:, i]) for i, e in enumerate(gyros)]
+    read_force = [e.apply(force[:, i]) for i, e in enumerate(accels)]
+    title = name or f"{kind}_{figures.name}_{seed}"
+    source = f"navlearn simulator: {motion.description or kind}"
+    about = describe(title, source, figures, kind, seed, lever_arm)
+    ideal = find_grade("ideal")
+    return SimulatedDrive(
+        log=scene.log(
+            figures,
+            imu_table(t, read_rate, read_force, thermometer(warm, seed)),
+            figures,
+            about,
+        ),
+        ideal=scene.log(
+            ideal,
+            imu_table(t, list(rate.T), list(force.T), START_TEMPERATURE + warm),
+            figures,
+            describe(f"{title}_ideal", source, ideal, kind, seed, lever_arm),
+        ),
+        gyro_errors=gyros[2],
+        motion=motion,
+        grade=figures,
+        seed=seed,
+    )
+
+
+def imu_table(t: Array, rate: list[Array], force: list[Array], temperature: Array) -> pd.DataFrame:
+    """Return an IMU table; rates and forces by axis x, y, z."""
+    columns = {"t": t}
+    columns |= {f"gyro_{axis}": rate[i] for i, axis in enumerate(AXES)}
+    columns |= {f"accel_{axis}": force[i] for i, axis in enumerate(AXES)}
+    return pd.DataFrame({**columns, "temperature": temperature})
+
+
+def thermometer(warm: Array, seed: int) -> Array:
+    """Return what the sensors' thermometer reads in steps of 0.1 K, °C."""
+    noise = generator(seed, "temperature").standard_normal(warm.size) * 0.05
+    return np.round((START_TEMPERATURE + warm + noise) * 10.0) / 10.0
+
+
+def describe(
+    name: str,
+    source: str,
+    grade: SensorGrade,
+    profile: str,
+    seed: int,
+    lever_arm: tuple[float, float, float],
+) -> LogMetadata:
+    """Return the metadata of a simulated log."""
+    sensor = f"simulated grade {grade.name}: {grade.summary}"
+    return LogMetadata(
+        name=name,
+        source=source,
+        license="Apache-2.0",
+        time_scale="seconds of the simulation",
+        lever_arm=lever_arm,
+        gnss_latency=grade.gnss.latency,
+        odometer_latency=grade.odometer.latency,
+        interval_means=("imu",),
+        sensors=dict.fromkeys(("imu", "odometer", "fixes"), sensor),
+        is_truth=True,
+        extra={"simulated": True, "profile": profile, "grade": grade.name, "seed": seed},
+    )
+
+
+def _check(seed: int, origin: tuple[float, float, float], **rates: float) -> None:
+    if seed < 0:
+        raise ConfigError(f"seed: found {seed}, expected zero or more")
+    if not abs(origin[0]) < math.radians(89.0):
+        raise ConfigError(
+            f"origin: found latitude {origin[0]}, expected radians within 89° of the equator; "
+            "convert degrees with math.radians"
+        )
+    for name, value in rates.items():
+        if not 0.0 < value <= 1000.0:
+            raise ConfigError(f"{name}: found {value}, expected a rate above 0 and up to 1000 Hz")
