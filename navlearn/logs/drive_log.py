@@ -20,6 +20,9 @@ class LogMetadata:
         gnss_latency: How late fixes are stamped against the IMU, s; already removed where
             ``latency_removed`` says so.
         odometer_latency: How late odometer samples are stamped against the IMU, s.
+        latency_removed: Whether both latencies have already been taken off the times.
+        interval_means: Names of the tables whose samples are means over the interval that ends
+            at their time; samples of the others hold at the instant of their time.
         sensors: Free text per sensor: make, grade, step, rate.
         is_truth: Whether ``reference`` is simulation truth rather than a better instrument.
         extra: Anything else a reader wishes to keep, as plain values.
@@ -33,6 +36,8 @@ class LogMetadata:
     lever_arm: tuple[float, float, float] = (0.0, 0.0, 0.0)
     gnss_latency: float = 0.0
     odometer_latency: float = 0.0
+    latency_removed: bool = False
+    interval_means: tuple[str, ...] = ()
     sensors: Mapping[str, str] = field(default_factory=dict)
     is_truth: bool = False
     extra: Mapping[str, object] = field(default_factory=dict)
@@ -67,6 +72,34 @@ class DriveLog:
     def duration(self) -> float:
         """Length of the drive by its IMU, s."""
         return float(self.imu["t"].iloc[-1] - self.imu["t"].iloc[0])
+
+    def between(self, start: float, stop: float) -> "DriveLog":
+        """Return the part of the drive with start <= t < stop, times unchanged.
+
+        Args:
+            start: First time kept, s.
+            stop: First time no longer kept, s.
+        """
+
+        def cut(table: pd.DataFrame) -> pd.DataFrame:
+            return table[(table["t"] >= start) & (table["t"] < stop)].reset_index(drop=True)
+
+        return self.with_tables({name: cut(table) for name, table in self.tables().items()})
+
+    def with_tables(self, tables: Mapping[str, pd.DataFrame]) -> "DriveLog":
+        """Return the log with some tables replaced.
+
+        Args:
+            tables: New tables by name; those not named stay.
+        """
+        every = {**self.tables(), **tables}
+        return DriveLog(
+            imu=every["imu"],
+            odometer=every["odometer"],
+            fixes=every["fixes"],
+            reference=every.get("reference"),
+            metadata=self.metadata,
+        )
 
     def without_fixes_from(self, start: float) -> "DriveLog":
         """Return the log in which no fix at or after a time exists.

@@ -1,0 +1,116 @@
+"""From a format's tables to a checked drive log: axes, datum, latencies, origin of time."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import pandas as pd
+
+from navlearn.errors import LogError
+from navlearn.logs.axes import turned
+from navlearn.logs.clock import from_first_sample, without_backsteps, without_latency
+from navlearn.logs.columns import REQUIRED, TABLES
+from navlearn.logs.descriptor import Descriptor
+from navlearn.logs.drive_log import DriveLog, LogMetadata
+from navlearn.logs.validate import validate_log
+
+
+@dataclass(frozen=True, kw_only=True)
+class Published:
+    """What a format's reader found: canonical columns, SI, but in sensor axes and own times.
+
+    Attributes:
+        tables: Tables by canonical name.
+        files: File that each table came from, for messages.
+        source: Format and folder.
+        axes: Where the sensor's x, y and z point by the format's own convention.
+        geoid_height: Height of the geoid above the ellipsoid to add to the fixes' heights, m.
+        time_scale: Name of the log's own clock.
+        interval_means: Tables whose samples are means over the interval ending at their time.
+        extra: Anything else worth keeping.
+    """
+
+    tables: Mapping[str, pd.DataFrame]
+    files: Mapping[str, str]
+    source: str
+    axes: str = "RFU"
+    geoid_height: float = 0.0
+    time_scale: str = ""
+    interval_means: tuple[str, ...] = ()
+    extra: Mapping[str, object] = field(default_factory=dict)
+
+
+def assemble(published: Published, descriptor: Descriptor) -> DriveLog:
+    """Return a checked drive log in the package's frames, units and time.
+
+    Args:
+        published: Tables as a reader found them.
+        descriptor: What is known beside the files.
+
+    Raises:
+        LogError: A table is missing or cannot be used as it is.
+        ConfigError: The descriptor's axes are no right-handed triad.
+    """
+    tables = dict(published.tables)
+    for name in ("imu", "odometer", "fixes"):
+        if name not in tables:
+            found = ", ".join(tables) or "none"
+            raise LogError(
+                f"{published.source}: no table {name}, which every drive log needs (found: "
+                f"{found}); it has the columns t, {', '.join(REQUIRED[name])}"
+            )
+    if descriptor.on_backstep == "drop":
+        tables = {name: without_backsteps(table) for name, table in tables.items()}
+    tables["imu"] = turned(tables["imu"], descriptor.body_from_sensor(published.axes))
+    geoid = descriptor.geoid_height
+    tables["fixes"] = _ellipsoidal(
+        tables["fixes"], published.geoid_height if geoid is None else geoid
+    )
+    log = DriveLog(
+        imu=_ordered("imu", tables["imu"]),
+        odometer=_ordered("odometer", tables["odometer"]),
+        fixes=_ordered("fixes", without_empty_fixes(tables["fixes"])),
+        reference=_ordered("reference", tables["reference"]) if "reference" in tables else None,
+        metadata=_metadata(published, descriptor),
+    )
+    return from_first_sample(without_latency(validate_log(log)))
+
+
+def without_empty_fixes(fixes: pd.DataFrame) -> pd.DataFrame:
+    """Return the fixes that hold a position or a velocity: a receiver without a fix says nothing.
+
+    Args:
+        fixes: Fixes; latitude or longitude may be missing.
+    """
+    if not {"lat", "lon"} <= set(fixes):
+        return fixes
+    empty = fixes["lat"].isna() & fixes["lon"].isna()
+    if {"v_e", "v_n"} <= set(fixes):
+        empty &= fixes["v_e"].isna() | fixes["v_n"].isna()
+    return fixes[~empty].reset_index(drop=True)
+
+
+def _ellipsoidal(fixes: pd.DataFrame, geoid_height: float) -> pd.DataFrame:
+    if "height" not in fixes or geoid_height == 0.0:
+        return fixes
+    return fixes.assign(height=fixes["height"] + geoid_height)
+
+
+def _ordered(name: str, table: pd.DataFrame) -> pd.DataFrame:
+    known = [column for column in ("t", *TABLES[name]) if column in table]
+    others = [column for column in table if column not in known]
+    return table[known + others]
+
+
+def _metadata(published: Published, descriptor: Descriptor) -> LogMetadata:
+    return LogMetadata(
+        name=descriptor.name,
+        source=published.source,
+        license=descriptor.license,
+        time_scale=descriptor.time_scale or published.time_scale,
+        lever_arm=descriptor.lever_arm,
+        gnss_latency=descriptor.gnss_latency,
+        odometer_latency=descriptor.odometer_latency,
+        interval_means=published.interval_means,
+        sensors=dict(descriptor.sensors),
+        extra={"files": dict(published.files), **published.extra},
+    )

@@ -1,0 +1,56 @@
+"""The times of a drive: origin, latencies, steps back."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+
+from navlearn.logs.drive_log import DriveLog, LogMetadata
+
+
+def from_first_sample(log: DriveLog) -> DriveLog:
+    """Return the log with t = 0 at its first sample; ``time_origin`` takes up the difference.
+
+    Args:
+        log: Drive on any clock.
+    """
+    origin = min(float(table["t"].iloc[0]) for table in log.tables().values() if len(table))
+    if origin == 0.0:
+        return log
+    metadata = replace(log.metadata, time_origin=log.metadata.time_origin + origin)
+    return _shifted(log, dict.fromkeys(log.tables(), -origin), metadata)
+
+
+def without_latency(log: DriveLog) -> DriveLog:
+    """Return the log with its known latencies taken off the times of fixes and odometer.
+
+    Args:
+        log: Drive whose metadata state ``gnss_latency`` and ``odometer_latency``.
+
+    Returns:
+        The log itself where nothing is left to remove, else a copy with
+        ``latency_removed=True``.
+    """
+    known = log.metadata
+    if known.latency_removed or (known.gnss_latency == 0.0 and known.odometer_latency == 0.0):
+        return log
+    shifts = {"fixes": -known.gnss_latency, "odometer": -known.odometer_latency}
+    return _shifted(log, shifts, replace(known, latency_removed=True))
+
+
+def without_backsteps(table: pd.DataFrame) -> pd.DataFrame:
+    """Return the rows whose time is later than every time before them.
+
+    Args:
+        table: Table with a column ``t``, s.
+    """
+    t = table["t"].to_numpy(np.float64)
+    latest = np.concatenate(([-np.inf], np.fmax.accumulate(t)[:-1])) if t.size else t
+    # Rows without a time stay: the check that follows names them.
+    return table.iloc[np.flatnonzero((t > latest) | np.isnan(t))].reset_index(drop=True)
+
+
+def _shifted(log: DriveLog, shifts: dict[str, float], metadata: LogMetadata) -> DriveLog:
+    tables = log.tables()
+    shifted = {name: tables[name].assign(t=tables[name]["t"] + by) for name, by in shifts.items()}
+    return replace(log.with_tables(shifted), metadata=metadata)

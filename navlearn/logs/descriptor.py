@@ -1,0 +1,219 @@
+"""Descriptors: what a YAML file says about a published drive log.
+
+A descriptor names the format and the folder, and for plain tables the columns, their units and
+axes; and for every format what the files themselves cannot tell: lever arm, latencies, height
+datum, mounting. An unknown key is refused with the nearest known one.
+"""
+
+import math
+import os
+import re
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from navlearn.errors import ConfigError, LogNotFoundError
+from navlearn.logs.axes import levelling_matrix, matrix_from_directions, matrix_from_letters
+from navlearn.logs.interval_means import FloatArray
+from navlearn.logs.nearest import nearest_hint
+
+FormatName = Literal["navinst", "canedge", "csv", "native"]
+TableName = Literal["imu", "odometer", "fixes", "reference"]
+Backstep = Literal["error", "drop"]
+Metres = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Column(_Strict):
+    """Where a canonical column comes from.
+
+    Attributes:
+        column: Name in the file.
+        unit: Its unit, such as ``deg`` or ``km/h``; SI and radians where left out.
+    """
+
+    column: str
+    unit: str | None = None
+
+
+class SpeedAndCourse(_Strict):
+    """Horizontal velocity given as its size and direction.
+
+    Attributes:
+        speed: Ground speed.
+        course: Direction, clockwise from north.
+    """
+
+    speed: Column
+    course: Column
+
+
+class Table(_Strict):
+    """One table of a plain-table log.
+
+    Attributes:
+        file: File name in the log's folder.
+        time: Column of time stamps.
+        columns: Canonical column to where it comes from; a bare string is a name in SI units.
+            Left out, the file's own canonical names are taken, unit suffixes understood.
+        velocity: Horizontal velocity, where the file has it as speed and course.
+        geoid_height: Height of the geoid above the ellipsoid, m, added to orthometric heights;
+            0 where heights are ellipsoidal.
+        sampling: ``interval`` where a sample is the mean over the interval ending at its time.
+    """
+
+    file: str
+    time: Column = Column(column="t")
+    columns: dict[str, Column | str] | None = None
+    velocity: SpeedAndCourse | None = None
+    geoid_height: Metres = 0.0
+    sampling: Literal["instant", "interval"] = "instant"
+
+
+class Directions(_Strict):
+    """Which sensor axis points right, forward and up, such as ``-y``.
+
+    Attributes:
+        right: Sensor axis that points right.
+        forward: Sensor axis that points forward.
+        up: Sensor axis that points up.
+    """
+
+    right: str
+    forward: str
+    up: str
+
+
+class Mounting(_Strict):
+    """How the sensor is tilted in the car, after its axes are named.
+
+    Attributes:
+        pitch_deg: Pitch of the sensor, nose up.
+        roll_deg: Roll of the sensor, right side down.
+    """
+
+    pitch_deg: float = Field(default=0.0, ge=-60.0, le=60.0)
+    roll_deg: float = Field(default=0.0, ge=-60.0, le=60.0)
+
+
+class Descriptor(_Strict):
+    """What is known about a drive log beside its files.
+
+    Attributes:
+        name: Short name of the log.
+        format: Published format.
+        path: Folder or file, relative to the descriptor; ``${NAVLEARN_DATA}`` is the
+            environment variable of that name, or ``../../shared/data`` where it is not set.
+        license: Licence of the data.
+        time_scale: Name of the log's own clock.
+        tables: Tables of a ``csv`` log.
+        axes: Sensor axes, as three letters (``FLU``) or by direction; the format's own where
+            left out.
+        mounting: Tilt of the sensor in the car.
+        geoid_height: Height of the geoid above the ellipsoid, m, added to the fixes' heights;
+            the format's own where left out.
+        lever_arm: Antenna from the IMU, right, forward, up, m.
+        gnss_latency: How late fixes are stamped, s; removed on loading.
+        odometer_latency: How late odometer samples are stamped, s; removed on loading.
+        on_backstep: ``error``, or ``drop`` rows that do not come later than all before them.
+        sensors: Free text per sensor.
+    """
+
+    name: str = Field(min_length=1)
+    format: FormatName
+    path: str
+    license: str = ""
+    time_scale: str = ""
+    tables: dict[TableName, Table] | None = None
+    axes: str | Directions | None = None
+    mounting: Mounting = Mounting()
+    geoid_height: Metres | None = None
+    lever_arm: tuple[Metres, Metres, Metres] = (0.0, 0.0, 0.0)
+    gnss_latency: Annotated[float, Field(ge=-10.0, le=10.0)] = 0.0
+    odometer_latency: Annotated[float, Field(ge=-10.0, le=10.0)] = 0.0
+    on_backstep: Backstep = "error"
+    sensors: dict[str, str] = Field(default_factory=dict)
+
+    def body_from_sensor(self, format_axes: str) -> FloatArray:
+        """Return the rotation from sensor axes to the level car, shape (3, 3).
+
+        Args:
+            format_axes: Axes of the published format, used where ``axes`` is left out.
+
+        Raises:
+            ConfigError: The axes are no right-handed triad.
+        """
+        axes = format_axes if self.axes is None else self.axes
+        if isinstance(axes, Directions):
+            permutation = matrix_from_directions(axes.right, axes.forward, axes.up)
+        else:
+            permutation = matrix_from_letters(axes)
+        pitch, roll = np.radians((self.mounting.pitch_deg, self.mounting.roll_deg))
+        if math.hypot(pitch, roll) == 0.0:
+            return permutation
+        return levelling_matrix(pitch=float(pitch), roll=float(roll)) @ permutation
+
+
+def load_descriptor(path: Path) -> tuple[Descriptor, Path]:
+    """Return a descriptor and the folder or file that it speaks of.
+
+    Args:
+        path: YAML file.
+
+    Raises:
+        LogNotFoundError: The descriptor does not exist.
+        ConfigError: It is not YAML, or an entry is wrong or unknown.
+    """
+    if not path.is_file():
+        raise LogNotFoundError(f"{path}: no such descriptor; give the path of a .yaml file")
+    try:
+        entries = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path.name}: not readable as YAML: {error}") from error
+    if not isinstance(entries, dict):
+        raise ConfigError(f"{path.name}: expected keys and values, such as name, format and path")
+    try:
+        descriptor = Descriptor.model_validate(entries)
+    except ValidationError as error:
+        raise ConfigError(f"{path.name}: {_advice(error)}") from None
+    return descriptor, _resolve(descriptor.path, path.resolve().parent)
+
+
+def _resolve(text: str, folder: Path) -> Path:
+    default = str(folder / ".." / ".." / "shared" / "data")
+    data = os.environ.get("NAVLEARN_DATA") or default
+    return (folder / text.replace("${NAVLEARN_DATA}", data)).resolve()
+
+
+def _advice(error: ValidationError) -> str:
+    lines = []
+    for item in error.errors():
+        where = ".".join(str(part) for part in item["loc"])
+        if item["type"] == "extra_forbidden":
+            known = _known_keys(item["loc"])
+            hint = nearest_hint(str(item["loc"][-1]), known)
+            lines.append(f"unknown key {where}{hint}; known are {', '.join(known)}")
+        else:
+            message = re.sub(r"^Value error, ", "", item["msg"])
+            lines.append(f"{where}: {message}, found {item['input']!r}")
+    return "; ".join(lines)
+
+
+def _known_keys(location: tuple[int | str, ...]) -> list[str]:
+    models: dict[str, type[BaseModel]] = {
+        model.__name__: model for model in (Directions, Mounting, Column, SpeedAndCourse)
+    }
+    model: type[BaseModel] = Descriptor
+    if location[0] == "tables" and len(location) > 2:
+        model = Table
+    if location[0] == "mounting" and len(location) > 1:
+        model = Mounting
+    for part in location[:-1]:
+        model = models.get(str(part), Column if part == "time" else model)
+    return sorted(model.model_fields)

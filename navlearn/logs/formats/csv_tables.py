@@ -1,0 +1,177 @@
+"""Plain tables: one CSV, compressed CSV or Parquet file per table.
+
+With a descriptor any columns, units and axes; without one the canonical names of
+:mod:`navlearn.logs.columns`, where a suffix may tell another unit (``lat_deg``, ``speed_kmh``).
+"""
+
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import pandas as pd
+
+from navlearn.errors import ConfigError, LogError, LogNotFoundError, MissingExtraError
+from navlearn.logs.assemble import Published
+from navlearn.logs.columns import TABLES
+from navlearn.logs.descriptor import Column, Descriptor, Table
+from navlearn.logs.formats.finding import listing
+from navlearn.logs.nearest import nearest_hint
+from navlearn.logs.units import factor_to_si, split_suffix
+
+ENDINGS: Final = (".csv", ".csv.gz", ".parquet")
+STEMS: Final[dict[str, tuple[str, ...]]] = {
+    "imu": ("imu",),
+    "odometer": ("odometer",),
+    "fixes": ("fixes", "gnss"),
+    "reference": ("reference",),
+}
+"""File names, without ending, that a folder without a descriptor may use for each table."""
+
+
+def read_csv_tables(folder: Path, descriptor: Descriptor) -> Published:
+    """Return the tables of a drive kept as plain files.
+
+    Args:
+        folder: Folder of the files.
+        descriptor: Tables to read; without ``tables``, those of the usual names.
+
+    Returns:
+        Tables in canonical columns and SI units, in the files' own axes.
+
+    Raises:
+        LogNotFoundError: A file is missing.
+        LogError: A file is not readable, or a column is missing.
+        ConfigError: A unit or a canonical column of the descriptor is unknown.
+        MissingExtraError: A Parquet file is to be read without pyarrow.
+    """
+    layout = descriptor.tables or _usual_tables(folder)
+    tables = {name: _read(folder, name, table) for name, table in layout.items()}
+    if "fixes" in tables and "height" in tables["fixes"]:
+        tables["fixes"]["height"] += layout["fixes"].geoid_height
+    if "reference" in tables and "height" in tables["reference"]:
+        tables["reference"]["height"] += layout["reference"].geoid_height
+    return Published(
+        tables={str(name): table for name, table in tables.items()},
+        files={str(name): table.file for name, table in layout.items()},
+        source=f"csv: {folder}",
+        interval_means=tuple(n for n, table in layout.items() if table.sampling == "interval"),
+    )
+
+
+def table_file(folder: Path, table: str) -> Path | None:
+    """Return the file that holds a table of a folder without a descriptor, or None.
+
+    Args:
+        folder: Folder to look in.
+        table: Canonical name of the table.
+    """
+    for stem in STEMS[table]:
+        for ending in ENDINGS:
+            if (folder / f"{stem}{ending}").is_file():
+                return folder / f"{stem}{ending}"
+    return None
+
+
+def read_frame(path: Path) -> pd.DataFrame:
+    """Return the table in a CSV, compressed CSV or Parquet file, as it stands.
+
+    Args:
+        path: File.
+
+    Raises:
+        LogError: The file is empty, truncated or not a table.
+        MissingExtraError: Parquet without pyarrow.
+    """
+    try:
+        if path.suffix == ".parquet":
+            return pd.read_parquet(path)
+        return pd.read_csv(path, float_precision="round_trip")
+    except ImportError as error:
+        raise MissingExtraError(
+            f"{path.name}: reading Parquet needs pyarrow; pip install navlearn[parquet]"
+        ) from error
+    except pd.errors.EmptyDataError as error:
+        raise LogError(f"{path.name}: the file is empty; a header and rows are needed") from error
+    except (OSError, EOFError, ValueError) as error:
+        raise LogError(
+            f"{path.name}: not readable as a table ({error}); it is truncated or of another format"
+        ) from error
+
+
+def _usual_tables(folder: Path) -> dict[str, Table]:
+    found = {name: table_file(folder, name) for name in TABLES}
+    for name in ("imu", "odometer", "fixes"):
+        if found[name] is None:
+            stems = " or ".join(f"{stem}{ending}" for stem in STEMS[name] for ending in ENDINGS)
+            raise LogNotFoundError(
+                f"{folder}: no table {name} (looked for {stems}); found {listing(folder)}"
+            )
+    return {name: Table(file=path.name) for name, path in found.items() if path is not None}
+
+
+def _read(folder: Path, name: str, layout: Table) -> pd.DataFrame:
+    path = folder / layout.file
+    if not path.is_file():
+        raise LogNotFoundError(f"{path}: no such file; the folder holds {_near(path.parent)}")
+    frame = read_frame(path)
+    if layout.columns is None:
+        return _by_name(path.name, name, frame)
+    result = {"t": _taken(path.name, frame, "t", layout.time)}
+    for canonical, source in layout.columns.items():
+        if canonical not in TABLES[name]:
+            hint = nearest_hint(canonical, TABLES[name])
+            raise ConfigError(
+                f"tables.{name}.columns: {canonical} is no column of {name}{hint}; known are "
+                f"{', '.join(TABLES[name])}"
+            )
+        column = Column(column=source) if isinstance(source, str) else source
+        result[canonical] = _taken(path.name, frame, canonical, column)
+    if layout.velocity is not None:
+        speed = _taken(path.name, frame, "speed", layout.velocity.speed)
+        course = _taken(path.name, frame, "course", layout.velocity.course)
+        result["v_e"], result["v_n"] = speed * np.sin(course), speed * np.cos(course)
+    return pd.DataFrame(result)
+
+
+def _near(folder: Path) -> str:
+    return listing(folder) if folder.is_dir() else "nothing, as it does not exist"
+
+
+def _taken(file: str, frame: pd.DataFrame, canonical: str, source: Column) -> pd.Series:
+    if source.column not in frame:
+        hint = nearest_hint(source.column, map(str, frame.columns))
+        raise LogError(
+            f"{file}: no column {source.column}{hint}, which the descriptor names for "
+            f"{canonical}; found {', '.join(map(str, frame.columns))}"
+        )
+    values = frame[source.column]
+    if source.unit is None:
+        return values
+    factor = factor_to_si(source.unit, canonical)
+    return values if factor == 1.0 else _scaled(file, values, factor)
+
+
+def _by_name(file: str, name: str, frame: pd.DataFrame) -> pd.DataFrame:
+    known = {"t", *TABLES[name]}
+    result = {}
+    for found in map(str, frame.columns):
+        split = None if found in known else split_suffix(found, known)
+        if split is None:
+            result[found] = frame[found]
+        elif split[0] in frame or split[0] in result:
+            raise LogError(f"{file}: {split[0]} is there twice, also as {found}; remove one")
+        else:
+            factor = factor_to_si(split[1], split[0])
+            result[split[0]] = _scaled(file, frame[found], factor)
+    return pd.DataFrame(result)
+
+
+def _scaled(file: str, values: pd.Series, factor: float) -> pd.Series:
+    if pd.api.types.is_numeric_dtype(values):
+        return values * factor
+    numeric = pd.to_numeric(values, errors="coerce")
+    row = int(np.argmax((numeric.isna() & values.notna()).to_numpy()))
+    raise LogError(
+        f"{file}: column {values.name} holds {values.iloc[row]!r} at row {row + 1}, expected "
+        "numbers; leave a missing value empty"
+    )
