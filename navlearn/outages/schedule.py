@@ -50,8 +50,8 @@ class OutageProtocol:
             ``random``: drawn with ``seed``; ``by_dynamics``: as many of each of ``classes``.
         count: Number of outages; ignored by ``listed``, which has one per entry of ``times``.
         duration: Length of each, s.
-        warm_up: No outage starts earlier than this after the start of the log, s (not applied
-            to ``listed``).
+        warm_up: No outage starts earlier than this after sensors and reference are both there,
+            s (not applied to ``listed``).
         warm_up_moving: Nor before the car has moved this long, s (not applied to ``listed``):
             a parked car teaches no azimuth.
         min_gap: Shortest time from the end of one outage to the start of the next, s.

@@ -1,0 +1,94 @@
+"""Figures without global state: the object API of matplotlib, and one look for all of them.
+
+matplotlib is an optional dependency and is imported only when a figure is asked for. Colours
+are those of Okabe and Ito, told apart by all kinds of colour vision.
+"""
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from navlearn.errors import MissingExtraError
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#8C6D31", "#7A5195")
+DASHES = ("-", "--", "-.", ":")
+INK = "#333333"
+REFERENCE = "#000000"
+FIX = "#9AA5B1"
+DOTS_PER_INCH = 130
+
+
+def plots_possible() -> bool:
+    """Return whether matplotlib is installed."""
+    try:
+        import matplotlib.figure  # noqa: F401
+    except ImportError:
+        return False
+    return True
+
+
+def new_figure(width: float, height: float) -> "Figure":
+    """Return an empty figure that belongs to nobody else.
+
+    Args:
+        width: Inches.
+        height: Inches.
+
+    Raises:
+        MissingExtraError: matplotlib is not installed.
+    """
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise MissingExtraError(
+            "figures need matplotlib, which is not installed: pip install 'navlearn[report]'"
+        ) from error
+    figure = Figure(figsize=(width, height), layout="constrained", facecolor="white")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def save(figure: "Figure", path: Path) -> Path:
+    """Write a figure as PNG.
+
+    Args:
+        figure: The figure.
+        path: The file to write.
+    """
+    figure.savefig(path, dpi=DOTS_PER_INCH, metadata={"Software": None})
+    return path
+
+
+def styles(methods: Iterable[str]) -> dict[str, tuple[str, str]]:
+    """Return colour and dash of each method, the same in every figure of a run.
+
+    Args:
+        methods: Names, in the run's order.
+    """
+    return {
+        name: (PALETTE[k % len(PALETTE)], DASHES[k % len(DASHES)]) for k, name in enumerate(methods)
+    }
+
+
+def tidy(axes: "Axes", xlabel: str = "", ylabel: str = "") -> None:
+    """Give axes their labels with units, a light grid and no box.
+
+    Args:
+        axes: The axes.
+        xlabel: Quantity and unit.
+        ylabel: Quantity and unit.
+    """
+    axes.set_xlabel(xlabel, color=INK)
+    axes.set_ylabel(ylabel, color=INK)
+    axes.grid(visible=True, color="#E3E6EA", linewidth=0.7)
+    axes.set_axisbelow(True)
+    axes.tick_params(colors=INK, labelsize=9)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+    for side in ("left", "bottom"):
+        axes.spines[side].set_color("#B0B7BF")

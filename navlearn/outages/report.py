@@ -1,0 +1,254 @@
+"""Writes ``report.md``: what was asked, how it was judged, what came out, what it means."""
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import pandas as pd
+
+from navlearn.outages.run_summary import DriveSummary, RunSummary
+from navlearn.outages.schedule import OutageProtocol
+from navlearn.outages.statistics import Comparison, averages
+from navlearn.outages.tables import comparisons
+from navlearn.outages.wording import meaning
+
+MOST_OUTAGES = 60
+OTHER_FIGURES = (
+    "rms_horizontal_error_m",
+    "final_horizontal_error_m",
+    "final_horizontal_error_percent",
+    "max_azimuth_error_deg",
+    "max_height_error_m",
+    "max_velocity_error_m_per_s",
+    "rms_along_track_error_m",
+    "rms_cross_track_error_m",
+    "share_in_95_ellipse",
+)
+
+
+def write_report(path: Path, summary: RunSummary) -> Path:
+    """Write the report of a run.
+
+    Args:
+        path: The file to write; figures are embedded by their path relative to it.
+        summary: The run.
+
+    Returns:
+        The path.
+    """
+    path.write_text(report_text(summary), encoding="utf-8")
+    return path
+
+
+def report_text(summary: RunSummary) -> str:
+    """Return the report of a run as Markdown.
+
+    Args:
+        summary: The run.
+    """
+    sections = [
+        f"# {summary.title}\n",
+        *(f"> {remark}\n" for remark in summary.remarks),
+        f"**Question.** {summary.question}\n",
+        "## What this means\n",
+        *(f"- {line}" for line in meaning(summary)),
+        "\n## Methods side by side\n",
+        *_methods_section(summary),
+        "\n## Drives and protocol\n",
+        *(_drive_text(drive) for drive in summary.drives),
+        _protocol_text(summary.protocol),
+        *_exclusions(summary.drives),
+        *_figures(summary),
+        "\n## Every outage\n",
+        *_outage_section(summary),
+        "\n## Run it again\n",
+        f"```\n{summary.command}\n```\n",
+        _one_line("Versions", summary.versions),
+        _one_line("Seeds", {**summary.seeds, "bootstrap": summary.bootstrap_seed}),
+    ]
+    return "\n".join(sections) + "\n"
+
+
+def markdown_table(header: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
+    """Return a Markdown table; the first column is text, the others are figures.
+
+    Args:
+        header: Names of the columns.
+        lines: Cells of every line.
+    """
+    rule = ["---", *(["---:"] * (len(header) - 1))]
+    return "\n".join("| " + " | ".join(cells) + " |" for cells in (header, rule, *lines)) + "\n"
+
+
+def _methods_section(summary: RunSummary) -> list[str]:
+    table = {name: averages(summary.rows, name, summary.metric) for name in summary.methods}
+    out = [f"By `{summary.metric}` over the outages.\n"]
+    out.append(
+        markdown_table(
+            ("method", "trained", "outages", "failed", "mean", "median", "90 %"),
+            [
+                (
+                    name,
+                    about.regime,
+                    str(table[name].outages),
+                    str(table[name].failed),
+                    *(_number(v) for v in (table[name].mean, table[name].median, table[name].p90)),
+                )
+                for name, about in summary.methods.items()
+            ],
+        )
+    )
+    out += [f"- **{name}**: {about.description}" for name, about in summary.methods.items()]
+    out += [f"- {name}: {note}" for name, about in summary.methods.items() for note in about.notes]
+    for baseline in summary.baselines:
+        found = comparisons(summary, baseline)
+        if found:
+            out += [f"\n### Against `{baseline}`\n", _comparison_table(found)]
+    out += ["\n### Other figures (median over outages)\n", _other_figures(summary)]
+    return out
+
+
+def _comparison_table(found: dict[str, Comparison]) -> str:
+    header = (
+        "method", "improvement %", "95 % interval", "better in", "sign test p", "harm count",
+        "verdict",
+    )  # fmt: skip
+    lines = [
+        (
+            name,
+            _signed(one.improvement_percent),
+            f"{_signed(one.low_percent)} to {_signed(one.high_percent)}",
+            f"{one.wins} of {one.pairs}" + (f", {one.ties} equal" if one.ties else ""),
+            f"{one.sign_test_p:.3f}",
+            str(one.harm_count),
+            one.verdict,
+        )
+        for name, one in found.items()
+    ]
+    drawn = {f"{one.units} {one.drawn_by}s" for one in found.values()}
+    note = (
+        f"Ratio of means; paired bootstrap drawn from {' / '.join(sorted(drawn))}. Harm count: "
+        "outages made worse by more than 10 %. A verdict is given only where the interval "
+        "excludes zero.\n"
+    )
+    return markdown_table(header, lines) + "\n" + note
+
+
+def _other_figures(summary: RunSummary) -> str:
+    shown = [name for name in OTHER_FIGURES if summary.rows[name].notna().any()]
+    medians = summary.rows.groupby("method")[shown].median()
+    return markdown_table(
+        ("figure", *summary.methods),
+        [
+            (f"`{name}`", *(_number(medians.loc[method, name]) for method in summary.methods))
+            for name in shown
+        ],
+    )
+
+
+def _drive_text(drive: DriveSummary) -> str:
+    source = f", from {drive.source}" if drive.source else ""
+    licence = f" Licence of the data: {drive.license}." if drive.license else ""
+    words = pd.Series(drive.placement.dynamics).value_counts()
+    what = ", ".join(f"{count} {word}" for word, count in words.items())
+    notes = "".join(f"\n  - {note}" for note in drive.placement.notes)
+    return (
+        f"- **{drive.name}**{source}: {drive.duration / 60.0:.1f} min, "
+        f"{drive.distance / 1000.0:.1f} km, {len(drive.placement.outages)} outages ({what}), "
+        f"judged by its {drive.judged_by}.{licence}{notes}"
+    )
+
+
+def _protocol_text(protocol: OutageProtocol) -> str:
+    if protocol.placement == "listed":
+        where = f"{len(protocol.times)} outages of {protocol.duration:g} s at listed times"
+        rules = ""
+    else:
+        seed = f" with seed {protocol.seed}" if protocol.placement == "random" else ""
+        where = (
+            f"{protocol.count} outages of {protocol.duration:g} s per drive, placement "
+            f"`{protocol.placement}`{seed}"
+        )
+        rules = (
+            f", none before a warm-up of {protocol.warm_up:g} s of which "
+            f"{protocol.warm_up_moving:g} s moving, at least {protocol.min_gap:g} s apart, only "
+            f"where fixes are at most {protocol.max_fix_interval:g} s apart (from "
+            f"{protocol.good_before:g} s before) and the mean speed is at least "
+            f"{protocol.min_mean_speed:g} m/s (half of that in stops)"
+        )
+    return (
+        f"\n**Protocol.** {where}{rules}. From an outage's start on no fix exists for any method, "
+        "before or after its end. Not scored is where the reference has a hole longer than "
+        f"{protocol.max_reference_interval:g} s, or slides more than "
+        f"{protocol.max_reference_slip:g} m against its own velocity within "
+        f"{protocol.slip_span:g} s.\n"
+    )
+
+
+def _exclusions(drives: Sequence[DriveSummary]) -> list[str]:
+    lines = [
+        (drive.name, f"{one.start:.1f}", f"{one.end:.1f}", one.reason)
+        for drive in drives
+        for one in drive.placement.excluded
+    ]
+    if not lines:
+        return ["**Excluded.** Nothing: the reference is good throughout.\n"]
+    return ["**Excluded.**\n", markdown_table(("drive", "from s", "to s", "reason"), lines)]
+
+
+def _figures(summary: RunSummary) -> list[str]:
+    if not summary.figures:
+        return [
+            "\n## Figures\n\nNone were drawn; `pip install 'navlearn[report]'` and run again.\n"
+        ]
+    pictures = [f"![{text}]({file})\n\n*{text}*\n" for file, text in summary.figures.items()]
+    return ["\n## Figures\n", *pictures]
+
+
+def _outage_section(summary: RunSummary) -> list[str]:
+    rows = summary.rows
+    table = rows.pivot_table(
+        index=["drive", "outage"], columns="method", values=summary.metric, dropna=False
+    )
+    first = rows.drop_duplicates(["drive", "outage"]).set_index(["drive", "outage"])
+    several = len(summary.drives) > 1
+    header = ["outage", "start s", "dynamics", "distance m", *summary.methods]
+    lines = []
+    for key in list(first.index)[:MOST_OUTAGES]:
+        about = first.loc[key]
+        values = [float(table.loc[key].get(name, math.nan)) for name in summary.methods]
+        name = f"{key[0]} {key[1]}" if several else str(key[1])
+        lines.append(
+            [
+                name, f"{about['start_s']:.1f}", str(about["dynamics"]),
+                _number(about["distance_m"], 0), *_best_in_bold(values),
+            ]
+        )  # fmt: skip
+    out = [f"`{summary.metric}`, the smallest in bold.\n", markdown_table(header, lines)]
+    if len(first) > MOST_OUTAGES:
+        out.append(f"The first {MOST_OUTAGES} of {len(first)}; all are in `outages.csv`.\n")
+    failed = rows.loc[rows["failure"] != "", ["drive", "method", "outage", "failure"]]
+    out += [f"- {d}, {m}, outage {k}: {why}" for d, m, k, why in failed.to_numpy()]
+    return out
+
+
+def _best_in_bold(values: Sequence[float]) -> list[str]:
+    known = [value for value in values if math.isfinite(value)]
+    return [
+        f"**{_number(value)}**" if known and value == min(known) else _number(value)
+        for value in values
+    ]
+
+
+def _one_line(title: str, entries: object) -> str:
+    pairs = ", ".join(f"{key} {value}" for key, value in dict(entries).items())  # type: ignore[call-overload]
+    return f"**{title}.** {pairs}.\n"
+
+
+def _number(value: object, digits: int = 2) -> str:
+    number = float(value)  # type: ignore[arg-type]
+    return f"{number:.{digits}f}" if math.isfinite(number) else "–"
+
+
+def _signed(value: float) -> str:
+    return f"{value:+.1f}" if math.isfinite(value) else "–"

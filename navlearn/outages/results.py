@@ -1,0 +1,78 @@
+"""Writes all files of a finished replay into the folder of a run."""
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import replace
+
+from navlearn.outages.canvas import plots_possible
+from navlearn.outages.output import OutputFolder
+from navlearn.outages.plots import (
+    Scene,
+    plot_distribution,
+    plot_error_growth,
+    plot_outage_maps,
+    plot_track,
+)
+from navlearn.outages.report import write_report
+from navlearn.outages.run_summary import RunSummary
+from navlearn.outages.tables import write_outages_csv, write_summary_json
+
+MOST_DRIVES_DRAWN = 6
+
+
+def write_results(output: OutputFolder, summary: RunSummary, scenes: Sequence[Scene]) -> RunSummary:
+    """Write ``outages.csv``, ``summary.json``, the figures and ``report.md``.
+
+    Without matplotlib the figures are left out, with a warning.
+
+    Args:
+        output: The run's folder.
+        summary: The run; its figures are filled in here.
+        scenes: One per drive.
+
+    Returns:
+        The summary with its figures.
+
+    Raises:
+        OutputExistsError: A file of that name exists which no run wrote.
+    """
+    write_outages_csv(output.claim("outages.csv"), summary.rows)
+    if plots_possible():
+        summary = replace(summary, figures=write_figures(output, summary, scenes))
+    else:
+        warnings.warn(
+            "no figures were drawn: matplotlib is missing; pip install 'navlearn[report]'",
+            stacklevel=2,
+        )
+    write_summary_json(output.claim("summary.json"), summary)
+    write_report(output.claim("report.md"), summary)
+    return summary
+
+
+def write_figures(
+    output: OutputFolder, summary: RunSummary, scenes: Sequence[Scene]
+) -> dict[str, str]:
+    """Draw the figures of a run.
+
+    Args:
+        output: The run's folder.
+        summary: The run.
+        scenes: One per drive; maps are drawn of the first :data:`MOST_DRIVES_DRAWN`.
+
+    Returns:
+        Captions by file name.
+    """
+    captions = {
+        "error_growth.png": "Horizontal error through the outages: median and quartiles.",
+        "distribution.png": f"Distribution of `{summary.metric}` over outages.",
+    }
+    plot_error_growth(output.claim("error_growth.png"), [scene.replay for scene in scenes])
+    plot_distribution(output.claim("distribution.png"), summary.rows, summary.metric)
+    for number, scene in enumerate(scenes[:MOST_DRIVES_DRAWN], start=1):
+        ending = f"_{number}.png" if len(scenes) > 1 else ".png"
+        name = scene.log.metadata.name
+        plot_track(output.claim("track" + ending), scene)
+        plot_outage_maps(output.claim("outages" + ending), scene)
+        captions["track" + ending] = f"Track of {name} with the outages and each method's drift."
+        captions["outages" + ending] = f"Every outage of {name}, seen from above."
+    return captions

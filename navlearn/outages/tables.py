@@ -1,0 +1,141 @@
+"""The files of a run that programs read: ``outages.csv`` and ``summary.json``."""
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+
+import pandas as pd
+
+from navlearn.errors import ConfigError
+from navlearn.outages.metrics import FIGURES
+from navlearn.outages.run_summary import DriveSummary, RunSummary
+from navlearn.outages.statistics import Comparison, averages, compare
+
+HEAD = ("drive", "method", "outage", "start_s", "duration_s", "dynamics", "distance_m")
+SUMMARISED = tuple(name for name in FIGURES if "error" in name and "track" not in name)
+
+
+def write_outages_csv(path: Path, rows: pd.DataFrame) -> Path:
+    """Write the table of outages, a row per outage and method; figures to the last digit.
+
+    Args:
+        path: The file to write.
+        rows: What replaying returned, of one or several drives.
+
+    Raises:
+        ConfigError: A column that readers of the file count on is missing.
+    """
+    missing = [name for name in (*HEAD, *FIGURES) if name not in rows.columns]
+    if missing:
+        raise ConfigError(f"{path.name}: the rows lack {missing}; take them from a replay")
+    rest = [name for name in rows.columns if name not in HEAD]
+    rows[[*HEAD, *rest]].to_csv(path, index=False, lineterminator="\n")
+    return path
+
+
+def write_summary_json(path: Path, summary: RunSummary) -> Path:
+    """Write what a run found; unknown figures are null.
+
+    Args:
+        path: The file to write.
+        summary: The run.
+    """
+    text = json.dumps(_without_nan(summary_content(summary)), indent=2, ensure_ascii=False)
+    path.write_text(text + "\n", encoding="utf-8")
+    return path
+
+
+def summary_content(summary: RunSummary) -> dict[str, object]:
+    """Return the content of ``summary.json``: keys may be added later, never renamed.
+
+    Args:
+        summary: The run.
+    """
+    return {
+        "title": summary.title,
+        "question": summary.question,
+        "remarks": list(summary.remarks),
+        "command": summary.command,
+        "versions": dict(summary.versions),
+        "seeds": {**summary.seeds, "bootstrap": summary.bootstrap_seed},
+        "protocol": asdict(summary.protocol),
+        "drives": [_drive(drive) for drive in summary.drives],
+        "metric": summary.metric,
+        "baselines": list(summary.baselines),
+        "methods": {name: _method(summary, name) for name in summary.methods},
+        "figures": dict(summary.figures),
+    }
+
+
+def comparisons(summary: RunSummary, baseline: str) -> dict[str, Comparison]:
+    """Return every other method's comparison with a baseline, by the headline metric.
+
+    Args:
+        summary: The run.
+        baseline: Name of the baseline; a run without it has no comparisons.
+    """
+    if baseline not in summary.methods:
+        return {}
+    return {
+        name: compare(
+            summary.rows,
+            name,
+            baseline,
+            metric=summary.metric,
+            resamples=summary.resamples,
+            seed=summary.bootstrap_seed,
+        )
+        for name in summary.methods
+        if name != baseline
+    }
+
+
+def _method(summary: RunSummary, name: str) -> dict[str, object]:
+    about = summary.methods[name]
+    mine = summary.rows[summary.rows["method"] == name]
+    found = {metric: averages(mine, name, metric) for metric in SUMMARISED}
+    return {
+        "description": about.description,
+        "training_regime": about.regime,
+        "notes": list(about.notes),
+        "outages": len(mine),
+        "failed": int(mine[summary.metric].isna().sum()),
+        "figures": {
+            metric: {"mean": one.mean, "median": one.median, "p90": one.p90}
+            for metric, one in found.items()
+        },
+        "versus": {
+            baseline: asdict(comparisons(summary, baseline)[name])
+            for baseline in summary.baselines
+            if baseline in summary.methods and baseline != name
+        },
+    }
+
+
+def _drive(drive: DriveSummary) -> dict[str, object]:
+    return {
+        "name": drive.name,
+        "source": drive.source,
+        "license": drive.license,
+        "duration_s": drive.duration,
+        "distance_m": drive.distance,
+        "judged_by": drive.judged_by,
+        "outages": len(drive.placement.outages),
+        "excluded": [
+            {"start_s": one.start, "end_s": one.end, "reason": one.reason}
+            for one in drive.placement.excluded
+        ],
+        "notes": list(drive.placement.notes),
+    }
+
+
+def _without_nan(value: object) -> object:
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if isinstance(value, Mapping):
+        return {str(key): _without_nan(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [_without_nan(entry) for entry in value]
+    return value
