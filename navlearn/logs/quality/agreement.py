@@ -1,0 +1,287 @@
+"""Whether sensors agree with each other: turns, speeds, forces, clocks."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from navlearn.logs.drive_log import DriveLog
+from navlearn.logs.quality.calibration import (
+    Estimate,
+    combined_odometer_latency,
+    reading_at_rest,
+    vertical_earth_rate,
+)
+from navlearn.logs.quality.delay_fit import fit_delay
+from navlearn.logs.quality.findings import Part, Severity
+from navlearn.logs.quality.latency import (
+    LIMIT,
+    Latency,
+    compare,
+    gain_comparison,
+    turn_comparison,
+)
+from navlearn.logs.quality.signals import column, standstill
+
+_DEG_PER_H = float(np.degrees(1.0)) * 3600.0
+
+
+def check_turns(log: DriveLog) -> Part:
+    """Compare the yaw rate with the turns of fixes and reference: sign, unit, axis, bias."""
+    part = Part()
+    still = standstill(log)
+    part.figures["stationary_share"] = float(np.mean(still)) if len(still) else 0.0
+    part.figures["earth_rate_up_deg_per_h"] = vertical_earth_rate(log) * _DEG_PER_H
+    rest = reading_at_rest(log)
+    if rest is None:
+        part.not_observable["gyro_bias_at_rest_deg_per_h"] = "under 15 s of standstill"
+    else:
+        _note(part, "gyro_bias_at_rest", rest, _DEG_PER_H, "_deg_per_h")
+    by_fixes, by_reference = compare(log, "fixes", "imu"), compare(log, "reference", "imu")
+    best = by_fixes if isinstance(by_reference, str) else by_reference
+    _note_bias(part, rest, best)
+    if isinstance(best, str):
+        part.not_observable["gyro_scale"] = best
+        _check_axes(part, log, gyro_z=None)
+        return part
+    scale = Estimate(1.0 / best.scale, best.scale_std / best.scale**2)
+    _note(part, "gyro_scale", scale)
+    part.figures["yaw_rate_correlation"] = best.correlation
+    _judge_gyro_scale(part, scale)
+    _check_axes(part, log, gyro_z=best)
+    return part
+
+
+def _note(part: Part, name: str, found: Estimate, unit: float = 1.0, suffix: str = "") -> None:
+    part.figures[name + suffix] = found.value * unit
+    part.figures[f"{name}_std{suffix}"] = found.std * unit
+
+
+def _note_bias(part: Part, rest: Estimate | None, best: Latency | str) -> None:
+    drive = (
+        None
+        if isinstance(best, str)
+        else Estimate(-best.offset / best.scale, best.offset_std / abs(best.scale))
+    )
+    if drive is not None:
+        _note(part, "gyro_bias_in_motion", drive, _DEG_PER_H, "_deg_per_h")
+    chosen = drive if rest is None or (drive and drive.std < 2.0 * rest.std) else rest
+    if chosen is None:
+        part.not_observable["gyro_bias_deg_per_h"] = "no standstill, and no turns to compare with"
+        return
+    _note(part, "gyro_bias", chosen, _DEG_PER_H, "_deg_per_h")
+    part.figures["gyro_bias_less_earth_rate_deg_per_h"] = (
+        chosen.value * _DEG_PER_H - part.figures["earth_rate_up_deg_per_h"]
+    )
+
+
+def _judge_gyro_scale(part: Part, scale: Estimate) -> None:
+    value, expected = scale.value, "a left turn positive, rad/s, scale 1"
+    where = "imu gyro_z"
+    found = f"gyro_z reports {value:.4g} of the turns of the track"
+    size = abs(value)
+    if value < 0.0:
+        part.add(
+            "error",
+            "yaw rate sign",
+            where,
+            found,
+            expected,
+            "turn the axis in the descriptor (z down gives a right turn positive)",
+        )
+    if 30.0 < size < 100.0:
+        part.add(
+            "error", "yaw rate unit", where, found, expected, "it is in deg/s: divide by 57.2958"
+        )
+    elif 0.01 < size < 0.03:
+        part.add(
+            "error",
+            "yaw rate unit",
+            where,
+            found,
+            expected,
+            "it was turned from degrees twice: multiply by 57.2958",
+        )
+    elif abs(size - 1.0) > max(0.05, 4.0 * scale.std):
+        severity: Severity = "error" if abs(size - 1.0) > max(0.3, 4.0 * scale.std) else "warning"
+        part.add(
+            severity,
+            "yaw rate scale",
+            where,
+            found,
+            expected,
+            "calibrate the scale, or look whether another axis points up",
+        )
+
+
+def _check_axes(part: Part, log: DriveLog, *, gyro_z: Latency | None) -> None:
+    table = "reference" if isinstance(turn_comparison(log, "fixes"), str) else "fixes"
+    own = 0.0 if gyro_z is None else gyro_z.correlation
+    for axis in ("gyro_x", "gyro_y"):
+        laid = turn_comparison(log, table, gyro=axis)  # type: ignore[arg-type]
+        if isinstance(laid, str) or len(laid.t) < 20:
+            continue
+        fit = fit_delay(laid.t, laid.observed, laid.design, weight=laid.weight, limit=LIMIT)
+        if fit is None or fit.correlation < max(0.6, own + 0.1):
+            continue
+        part.add(
+            "error",
+            "swapped gyro axes",
+            f"imu {axis}",
+            f"{axis} follows the turns of the track (correlation {fit.correlation:.2f}, "
+            f"scale {1.0 / fit.coefficients[0]:+.3g}), gyro_z less (correlation {own:.2f})",
+            "gyro_z up, following the turns",
+            f"map {axis} to z in the descriptor",
+        )
+
+
+def check_speed(log: DriveLog) -> Part:
+    """Compare the odometer with the speed of the fixes, or of the reference without them."""
+    part = Part()
+    found = compare(log, "odometer", "fixes")
+    if isinstance(found, str):
+        by_reference = compare(log, "odometer", "reference")
+        found = by_reference if not isinstance(by_reference, str) else found
+    if isinstance(found, str):
+        part.not_observable["odometer_scale"] = found
+        return part
+    scale = Estimate(found.scale, found.scale_std)
+    _note(part, "odometer_scale", scale)
+    _judge_odometer_scale(part, scale.value)
+    return part
+
+
+def _judge_odometer_scale(part: Part, value: float) -> None:
+    known = {
+        3.6: "it is in km/h: divide by 3.6",
+        2.2369: "it is in mph: divide by 2.2369",
+        1.9438: "it is in knots: divide by 1.9438",
+        1 / 3.6: "it was turned from km/h twice: multiply by 3.6",
+        0.44704: "it was turned from mph twice: divide by 0.44704",
+    }
+    remedy = next((text for unit, text in known.items() if abs(value / unit - 1.0) < 0.08), None)
+    found = f"the odometer reports {value:.4f} of the speed of the track"
+    if remedy is not None:
+        part.add("error", "odometer unit", "odometer speed", found, "m/s, scale 1", remedy)
+    elif abs(value - 1.0) > 0.03:
+        part.add(
+            "error" if abs(value - 1.0) > 0.3 else "warning",
+            "odometer scale",
+            "odometer speed",
+            found,
+            "a scale within 3 % of one",
+            "divide by the scale, or let the filter estimate it from a wide start",
+        )
+
+
+def check_forces(log: DriveLog) -> Part:
+    """Compare the accelerometer with the odometer's gain and with the turns."""
+    part = Part()
+    laid = gain_comparison(log)
+    if isinstance(laid, str):
+        part.not_observable["accel_y_scale"] = laid
+        return part
+    own = compare(log, "odometer", "imu")
+    if isinstance(own, str):
+        part.not_observable["accel_y_scale"] = own
+    else:
+        part.figures["accel_y_correlation"] = own.correlation
+        if own.scale < 0.0:
+            part.add(
+                "error",
+                "forward force sign",
+                "imu accel_y",
+                f"the car speeds up where accel_y is negative (factor {own.scale:.2f})",
+                "positive when the car speeds up",
+                "turn the axis in the descriptor",
+            )
+    _check_sideways(part, log, 0.0 if isinstance(own, str) else own.correlation)
+    return part
+
+
+def _check_sideways(part: Part, log: DriveLog, own: float) -> None:
+    if "accel_x" not in log.imu:
+        return
+    laid = gain_comparison(replace(log, imu=log.imu.assign(accel_y=log.imu["accel_x"])))
+    if isinstance(laid, str) or len(laid.t) < 20:
+        return
+    fit = fit_delay(laid.t, laid.observed, laid.design, weight=laid.weight, limit=LIMIT)
+    if fit is not None and fit.correlation > max(0.6, own + 0.2):
+        part.add(
+            "error",
+            "swapped accelerometer axes",
+            "imu accel_x, accel_y",
+            f"accel_x follows the gain of speed (correlation {fit.correlation:.2f}), "
+            f"accel_y less (correlation {own:.2f})",
+            "y forward, following the gain of speed",
+            "map the axes in the descriptor: x right, y forward, z up",
+        )
+
+
+def check_clocks(log: DriveLog) -> Part:
+    """Estimate how late fixes and odometer are stamped; positive is late."""
+    part = Part()
+    turns = compare(log, "fixes", "imu", with_drift=True)
+    speeds = compare(log, "odometer", "fixes", with_drift=True)
+    gains = compare(log, "odometer", "imu")
+    against_reference = compare(log, "reference", "imu")
+    for name, found in (
+        ("gnss_latency", turns),
+        ("odometer_latency_to_gnss", speeds),
+        ("odometer_latency_by_force", gains),
+        ("reference_latency", against_reference),
+    ):
+        if isinstance(found, str):
+            part.not_observable[f"{name}_s"] = found
+        else:
+            _note(part, name, Estimate(found.delay, found.std), 1.0, "_s")
+            _note_drift(part, name, found)
+    gnss = None if isinstance(turns, str) else Estimate(turns.delay, turns.std)
+    odometer = combined_odometer_latency(gnss, speeds, gains)
+    if odometer is None:
+        part.not_observable["odometer_latency_s"] = "neither fixes nor forces tell it"
+    else:
+        _note(part, "odometer_latency", odometer, 1.0, "_s")
+    _judge_latency(part, "fixes", gnss, log.metadata.gnss_latency)
+    _judge_latency(part, "odometer", odometer, log.metadata.odometer_latency)
+    return part
+
+
+def _note_drift(part: Part, name: str, found: Latency) -> None:
+    if found.drift == 0.0:
+        return
+    part.figures[f"{name}_at_start_s"] = found.at_start
+    part.figures[f"{name}_at_end_s"] = found.at_end
+    moved = found.at_end - found.at_start
+    if abs(moved) > 0.15 and abs(found.drift) > 5.0 * found.drift_std:
+        part.add(
+            "warning",
+            "clock drift",
+            name.split("_")[0],
+            f"{name.replace('_', ' ')} runs from {found.at_start:+.2f} to {found.at_end:+.2f} s",
+            "one clock, or a constant latency",
+            "estimate the latency anew along the drive, or rescale the stream's time",
+        )
+
+
+def _judge_latency(part: Part, table: str, found: Estimate | None, stated: float) -> None:
+    if found is None:
+        return
+    rest = found.value - stated
+    if abs(rest) < max(0.08, 4.0 * found.std):
+        return
+    word = "late" if found.value > 0.0 else "early"
+    part.add(
+        "warning" if abs(rest) > 0.6 else "info",
+        "latency",
+        table,
+        f"stamped {abs(found.value):.2f} ± {found.std:.2f} s {word} against the IMU",
+        f"the {stated:g} s that the metadata state",
+        f"state the latency of {table} ({found.value:+.2f} s) in the descriptor",
+    )
+
+
+def stationary_time(log: DriveLog) -> float:
+    """Return how long the car stood still, s."""
+    t = column(log.imu, "t")
+    still = standstill(log)
+    return float(np.sum(np.diff(t)[still[1:]])) if len(t) > 1 else 0.0

@@ -1,0 +1,173 @@
+"""What a log itself tells about its sensors: scale, bias, latency.
+
+Only sensors and fixes are used, never the reference; with ``until`` nothing at or after that
+time is looked at, so that a calibration made before an outage may be used in it.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from navlearn import wgs84
+from navlearn.logs.drive_log import DriveLog
+from navlearn.logs.quality.latency import Latency, compare, ordered
+from navlearn.logs.quality.signals import Array, column, looks_like_degrees, standstill
+
+_BLOCK = 5.0
+"""Length of the means from which the bias and its spread are taken, s."""
+
+
+class Estimate(NamedTuple):
+    """A number and how well it is known.
+
+    Attributes:
+        value: The estimate.
+        std: Its standard deviation, in the same unit.
+    """
+
+    value: float
+    std: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Calibration:
+    """What a log told about its sensors; None where it could not.
+
+    Attributes:
+        odometer_scale: Reported speed per true speed: divide the odometer by it.
+        gyro_bias: z gyro reading beyond the turn of the car and the Earth, rad/s: subtract it.
+        gnss_latency: How late fixes are stamped against the IMU, s.
+        odometer_latency: How late odometer samples are stamped against the IMU, s, at the end
+            of what was looked at.
+    """
+
+    odometer_scale: Estimate | None
+    gyro_bias: Estimate | None
+    gnss_latency: Estimate | None
+    odometer_latency: Estimate | None
+
+
+def odometer_scale(log: DriveLog, *, until: float | None = None) -> Estimate | None:
+    """Return reported speed per true speed, by the speed of the fixes, or None.
+
+    Args:
+        log: The log.
+        until: Nothing at or after this time is used, s.
+    """
+    found = compare(ordered(log, until=until), "odometer", "fixes")
+    return None if isinstance(found, str) else Estimate(found.scale, found.scale_std)
+
+
+def gyro_bias_at_rest(log: DriveLog, *, until: float | None = None) -> Estimate | None:
+    """Return the z gyro's bias from standstills, less the vertical Earth rate, rad/s, or None.
+
+    Args:
+        log: The log; where it has no fix the Earth rate is left in.
+        until: Nothing at or after this time is used, s.
+    """
+    part = ordered(log, until=until)
+    reading = reading_at_rest(part)
+    if reading is None:
+        return None
+    return Estimate(reading.value - vertical_earth_rate(part), reading.std)
+
+
+def gyro_bias_from_turns(log: DriveLog, *, until: float | None = None) -> Estimate | None:
+    """Return the z gyro's bias against the fixes' direction of motion, rad/s, or None.
+
+    Args:
+        log: The log.
+        until: Nothing at or after this time is used, s.
+    """
+    part = ordered(log, until=until)
+    found = compare(part, "fixes", "imu")
+    return None if isinstance(found, str) else _bias_from(found, part)
+
+
+def estimate_calibration(log: DriveLog, *, until: float | None = None) -> Calibration:
+    """Return everything that the log tells about its sensors up to a time.
+
+    Args:
+        log: The log.
+        until: Nothing at or after this time is used, s; None for the whole log.
+    """
+    part = ordered(log, until=until)
+    turns = compare(part, "fixes", "imu")
+    speeds = compare(part, "odometer", "fixes")
+    gains = compare(part, "odometer", "imu")
+    rest = gyro_bias_at_rest(part)
+    gnss = None if isinstance(turns, str) else Estimate(turns.delay, turns.std)
+    return Calibration(
+        odometer_scale=None
+        if isinstance(speeds, str)
+        else Estimate(speeds.scale, speeds.scale_std),
+        gyro_bias=rest if rest or isinstance(turns, str) else _bias_from(turns, part),
+        gnss_latency=gnss,
+        odometer_latency=combined_odometer_latency(gnss, speeds, gains),
+    )
+
+
+def combined_odometer_latency(
+    gnss: Estimate | None, speeds: Latency | str, gains: Latency | str
+) -> Estimate | None:
+    """Return the odometer's latency against the IMU, by way of the fixes and directly.
+
+    Args:
+        gnss: Latency of the fixes against the IMU.
+        speeds: Odometer against fixes.
+        gains: Odometer against IMU.
+    """
+    ways = [] if isinstance(gains, str) else [Estimate(gains.delay, gains.std)]
+    if gnss is not None and not isinstance(speeds, str):
+        ways.append(Estimate(speeds.delay + gnss.value, float(np.hypot(speeds.std, gnss.std))))
+    if not ways:
+        return None
+    weights = np.array([1.0 / way.std**2 for way in ways])
+    values = np.array([way.value for way in ways])
+    return Estimate(float(np.average(values, weights=weights)), float(np.sum(weights) ** -0.5))
+
+
+def reading_at_rest(log: DriveLog) -> Estimate | None:
+    """Return the mean z gyro reading at standstill, Earth rate included, rad/s, or None.
+
+    Args:
+        log: The log, in order.
+    """
+    still = standstill(log)
+    t, rate = column(log.imu, "t"), column(log.imu, "gyro_z")
+    still &= np.isfinite(rate)
+    blocks = block_means(t[still], rate[still], _BLOCK)
+    if len(blocks) < 3:
+        return None
+    spread = float(np.std(blocks, ddof=1))
+    return Estimate(float(np.mean(blocks)), max(spread, 1e-12) / float(np.sqrt(len(blocks))))
+
+
+def block_means(t: Array, x: Array, length: float) -> Array:
+    """Return the means of the well-filled blocks of a given length of time."""
+    if len(t) == 0:
+        return np.zeros(0)
+    block = np.floor((t - t[0]) / length).astype(np.int64)
+    _, place, count = np.unique(block, return_inverse=True, return_counts=True)
+    total = np.bincount(place, weights=x)
+    return np.asarray((total / count)[count >= 0.5 * np.max(count)], dtype=np.float64)
+
+
+def vertical_earth_rate(log: DriveLog) -> float:
+    """Return the Earth's rate about the vertical at the log's place, rad/s, zero if unknown."""
+    lat = column(log.fixes, "lat")
+    lat = lat[np.isfinite(lat)]
+    if len(lat) == 0:
+        return 0.0
+    middle = float(np.median(lat))
+    if looks_like_degrees(log.fixes):
+        middle = float(np.radians(middle))
+    return wgs84.EARTH_RATE * float(np.sin(middle))
+
+
+def _bias_from(turns: Latency, log: DriveLog) -> Estimate:
+    # heading' = scale (ω − b) − ω_e sin φ: the offset holds both.
+    reading = -turns.offset / turns.scale
+    std = turns.offset_std / abs(turns.scale)
+    return Estimate(reading - vertical_earth_rate(log) / turns.scale, std)
