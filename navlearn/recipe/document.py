@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 from pydantic import AfterValidator, Field, model_validator
 
 from navlearn.errors import ConfigError
+from navlearn.logs.nearest import nearest_hint
 from navlearn.outages.schedule import parse_outages
 from navlearn.recipe.filter_options import checked_filter, ekf_options
 from navlearn.recipe.sections import (
@@ -24,7 +25,7 @@ from navlearn.recipe.sections import (
     TrainingSection,
 )
 from navlearn.recipe.spec import ModelSpec, PlainName, Seed, load_spec
-from navlearn.recipe.strict import Section, nearest, parse
+from navlearn.recipe.strict import Section, parse
 from navlearn.recipe.yaml_file import YamlFile, read_yaml
 
 if TYPE_CHECKING:
@@ -79,8 +80,8 @@ class Recipe(Section):
         for method in self.methods:
             if method not in known:
                 raise ValueError(
-                    f"unknown method {method!r}{nearest(method, known)} "
-                    f"(known: {', '.join(known)}; every other method needs a spec in models)"
+                    f"unknown method {method!r}{nearest_hint(method, known)}; "
+                    f"known: {', '.join(known)}, and the models of specs under 'models'"
                 )
             if self.methods.count(method) > 1:
                 raise ValueError(f"the method {method!r} is listed twice; list each once")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import TypeAdapter, ValidationError
 
-from navlearn.recipe.strict import nearest
+from navlearn.logs.nearest import nearest_hint
 
 if TYPE_CHECKING:
     from navlearn.fusion.options import EkfOptions
@@ -54,8 +54,8 @@ def _checked(options: type[Any], overrides: Mapping[str, Any], *, prefix: str) -
     for name, value in overrides.items():
         if name not in known:
             raise ValueError(
-                f"unknown key {prefix + str(name)!r}{nearest(str(name), known)} "
-                f"(known: {', '.join(known)})"
+                f"unknown key {prefix + str(name)!r}{nearest_hint(str(name), known)}; "
+                f"known: {', '.join(known)}"
             )
         if dataclasses.is_dataclass(wanted[name]):
             if not isinstance(value, Mapping):

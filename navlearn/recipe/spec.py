@@ -1,13 +1,18 @@
 """Model specs: what is learned, as the YAML of ``models/`` tells it."""
 
+import dataclasses
 import re
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import AfterValidator, Field
 
 from navlearn.recipe.strict import Section, parse
 from navlearn.recipe.yaml_file import read_yaml
+
+if TYPE_CHECKING:
+    from navlearn.error_models.anarx import AnarxOptions
+    from navlearn.learning.options import TrainingOptions
 
 Seed = Annotated[int, Field(ge=0, lt=2**63)]
 Count = Annotated[int, Field(ge=1)]
@@ -59,7 +64,12 @@ class ModelSpec(Section):
         linear_path: Whether each lag also has a direct linear term.
         trainer: ``lm`` is Levenberg-Marquardt, ``adam`` is Lightning with Adam.
         loop: ``closed`` trains on the model's own past outputs, ``open`` on measured ones.
+        objective: ``step`` scores every output, ``accumulated`` their running sum.
         max_iterations: Upper bound of training iterations (of epochs for ``adam``).
+        patience: Iterations without a better validation loss before training stops.
+        starts: Random starts of which the best goes on.
+        ridge: Penalty on the mean square of the weights.
+        learning_rate: Step size of ``adam``.
         seed: Seed of the initial weights.
         safeguard: When a correction is trusted.
         question: What the model is meant to answer.
@@ -76,11 +86,43 @@ class ModelSpec(Section):
     linear_path: bool = True
     trainer: Literal["lm", "adam"] = "lm"
     loop: Literal["closed", "open"] = "closed"
-    max_iterations: Count = 100
+    objective: Literal["step", "accumulated"] = "step"
+    max_iterations: Count = 60
+    patience: Count = 10
+    starts: Count = 2
+    ridge: NotNegative = 1e-4
+    learning_rate: Positive = 1e-2
     seed: Seed = 0
     safeguard: SafeguardSpec = SafeguardSpec()
     question: str = ""
     notes: str = ""
+
+    def anarx_options(self, *, outputs: int) -> "AnarxOptions":
+        """Return the options of the network.
+
+        Args:
+            outputs: Number of outputs.
+        """
+        from navlearn.error_models.anarx import AnarxOptions
+
+        return AnarxOptions(
+            inputs=len(self.inputs),
+            outputs=outputs,
+            lags=self.lags,
+            hidden=self.hidden,
+            activation=self.activation,
+            linear_path=self.linear_path,
+            safeguard=self.safeguard.bounds,
+            output_limit=self.safeguard.output_limit,
+        )
+
+    def training_options(self) -> "TrainingOptions":
+        """Return the options of its training."""
+        from navlearn.learning.options import TrainingOptions
+
+        names = (field.name for field in dataclasses.fields(TrainingOptions))
+        shared = {name: getattr(self, name) for name in names if name in type(self).model_fields}
+        return TrainingOptions(**shared)
 
 
 def load_spec(path: str | Path) -> ModelSpec:

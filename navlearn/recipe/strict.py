@@ -1,15 +1,15 @@
 """Strict sections: unknown keys are refused, and every refusal says where and what is allowed."""
 
-import difflib
 import inspect
 import typing
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic_core import ErrorDetails
 
 from navlearn.errors import ConfigError
+from navlearn.logs.nearest import nearest_hint
 from navlearn.recipe.yaml_file import KeyPath, YamlFile
 
 S = TypeVar("S", bound="Section")
@@ -41,12 +41,6 @@ def parse(section: type[S], content: Mapping[str, Any], *, file: YamlFile | str)
         raise ConfigError("\n".join(dict.fromkeys(findings))) from None
 
 
-def nearest(word: str, known: Iterable[str]) -> str:
-    """Return "; did you mean 'x'?" for the known word most like another, or nothing."""
-    alike = difflib.get_close_matches(word, list(known), n=1, cutoff=0.5)
-    return f"; did you mean {alike[0]!r}?" if alike else ""
-
-
 def _finding(section: type[Section], details: ErrorDetails, file: YamlFile | str) -> str:
     key_path = tuple(details["loc"])
     where = file if isinstance(file, str) else file.where(key_path)
@@ -60,12 +54,12 @@ def _explain(section: type[Section], key_path: KeyPath, details: ErrorDetails) -
         known = _known_keys(section, key_path[:-1])
         place = f" in {_dotted(key_path[:-1])}" if key_path[:-1] else ""
         key = str(key_path[-1])
-        return f"unknown key {key!r}{place}{nearest(key, known)} (known: {', '.join(known)})"
+        return f"unknown key {key!r}{place}{nearest_hint(key, known)}; known: {', '.join(known)}"
     if kind == "missing":
         return f"the key {name!r} is missing; it must be given"
     context = details.get("ctx", {})
     if kind == "literal_error":
-        hint = nearest(str(value), _quoted(str(context["expected"])))
+        hint = nearest_hint(str(value), _quoted(str(context["expected"])))
         return f"{name} is {value!r}; expected {context['expected']}{hint}"
     if kind == "value_error":
         said = str(context["error"])

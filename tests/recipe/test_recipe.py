@@ -13,6 +13,7 @@ from navlearn.error_models.anarx import AnarxOptions
 from navlearn.error_models.safeguard import rolling_origin_gate
 from navlearn.errors import ConfigError, LogNotFoundError, NavlearnError
 from navlearn.fusion.options import EkfOptions
+from navlearn.learning.options import TrainingOptions
 from navlearn.outages.schedule import OutageProtocol
 from navlearn.recipe import ModelSpec, Recipe, load_recipe, load_spec, recipe_for
 from navlearn.recipe.sections import OutageSection
@@ -105,14 +106,38 @@ def test_filter_overrides_lie_over_the_defaults(tmp_path: Path) -> None:
 
 
 def test_spec_has_the_defaults_of_the_model_that_it_describes() -> None:
-    spec, options = ModelSpec(name="anarx"), AnarxOptions(inputs=3)
-    for name in ("lags", "hidden", "activation", "linear_path"):
-        assert getattr(spec, name) == getattr(options, name)
-    assert spec.safeguard.bounds == options.safeguard
-    assert spec.safeguard.output_limit == options.output_limit
+    spec = ModelSpec(name="anarx")
+    assert spec.anarx_options(outputs=2) == AnarxOptions(inputs=3, outputs=2)
+    assert spec.training_options() == TrainingOptions()
     gate = signature(rolling_origin_gate).parameters
     assert spec.safeguard.gate_margin == gate["margin"].default
     assert spec.safeguard.gate_fewest == gate["fewest"].default
+
+
+def test_spec_reaches_the_options_of_model_and_training() -> None:
+    content = {
+        "lags": 3,
+        "hidden": 2,
+        "activation": "tanh",
+        "linear_path": False,
+        "safeguard": {"bounds": False, "output_limit": 2.0},
+        "trainer": "adam",
+        "loop": "open",
+        "max_iterations": 7,
+        "patience": 3,
+        "starts": 4,
+        "ridge": 0.5,
+        "learning_rate": 0.25,
+        "seed": 9,
+    }
+    spec = ModelSpec.model_validate({"name": "a", "inputs": ["speed"], **content})
+    options, training = spec.anarx_options(outputs=1), spec.training_options()
+    assert (options.inputs, options.lags, options.hidden) == (1, 3, 2)
+    assert (options.activation, options.linear_path) == ("tanh", False)
+    assert (options.safeguard, options.output_limit) == (False, 2.0)
+    assert (training.trainer, training.loop, training.seed) == ("adam", "open", 9)
+    assert (training.max_iterations, training.patience, training.starts) == (7, 3, 4)
+    assert (training.ridge, training.learning_rate) == (0.5, 0.25)
 
 
 @pytest.mark.parametrize(
