@@ -1,0 +1,217 @@
+"""Training an ANARX network by Levenberg–Marquardt: starts, early stopping, resume."""
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+from tqdm import tqdm
+
+from navlearn.error_models.anarx import Anarx
+from navlearn.error_models.anarx_jacobian import unpack_weights
+from navlearn.errors import FitError
+from navlearn.learning.anarx_least_squares import AnarxLeastSquares
+from navlearn.learning.checkpointing import claim_checkpoint, read_checkpoint, write_checkpoint
+from navlearn.learning.initialise import random_start
+from navlearn.learning.levenberg_marquardt import (
+    LmOptions,
+    LmState,
+    levenberg_marquardt,
+    start_state,
+)
+from navlearn.learning.options import TrainingOptions
+from navlearn.learning.windows import Windows
+
+OPEN_LOOP_ITERATIONS = 10
+
+
+class TrainingOutcome(NamedTuple):
+    """What a trainer hands back; the best weights are in the model already.
+
+    Attributes:
+        iterations: Iterations or epochs that ran.
+        stopped: Why training ended.
+        train: Mean squared residual by iteration.
+        valid: The same on validation windows.
+        best: Iteration that was kept.
+    """
+
+    iterations: int
+    stopped: str
+    train: tuple[float, ...]
+    valid: tuple[float, ...]
+    best: int
+
+
+class _Progress:
+    """Losses so far and the best weights, with what a checkpoint needs."""
+
+    def __init__(
+        self,
+        problem: AnarxLeastSquares,
+        check: AnarxLeastSquares | None,
+        training: TrainingOptions,
+        path: Path | None,
+        digest: str,
+    ) -> None:
+        self.problem, self.check, self.training = problem, check, training
+        self.path, self.digest = path, digest
+        self.train: list[float] = []
+        self.valid: list[float] = []
+        self.best = 0
+        self.best_theta: Tensor | None = None
+        self.bar: tqdm[Any] | None = None
+
+    def note(self, state: LmState) -> bool:
+        """Note losses after an iteration; True where patience has run out."""
+        self.train.append(self.problem.mean_square(state.theta))
+        if self.check is not None:
+            self.valid.append(self.check.mean_square(state.theta))
+        watched = self.valid if self.check is not None else self.train
+        if self.best_theta is None or watched[-1] < watched[self.best]:
+            self.best, self.best_theta = len(watched) - 1, state.theta
+        if self.bar is not None:
+            self.bar.set_postfix_str(
+                f"train {self.train[-1]:.4g}"
+                + (f", valid {self.valid[-1]:.4g}" if self.valid else ""),
+                refresh=False,
+            )
+            self.bar.update(state.iteration - self.bar.n)
+        patience_over = bool(self.valid) and len(watched) - 1 - self.best >= self.training.patience
+        ended = bool(state.stopped) or patience_over
+        if self.path is not None and (
+            ended
+            or state.iteration % self.training.checkpoint_every == 0
+            or state.iteration == self.training.max_iterations
+        ):
+            self._write(state._replace(stopped="patience") if patience_over else state)
+        return patience_over
+
+    def _write(self, state: LmState) -> None:
+        assert_path = self.path
+        if assert_path is None:
+            return
+        content = {
+            "fingerprint": self.digest,
+            "state": state._asdict(),
+            "train": self.train,
+            "valid": self.valid,
+            "best": self.best,
+            "best_theta": self.best_theta,
+        }
+        write_checkpoint(assert_path, content)
+
+    def restore(self, content: dict[str, Any]) -> LmState:
+        """Take up what a checkpoint holds."""
+        self.train, self.valid = list(content["train"]), list(content["valid"])
+        self.best, self.best_theta = content["best"], content["best_theta"]
+        return LmState(**content["state"])
+
+
+def train_by_lm(
+    model: Anarx,
+    train: Windows,
+    valid: Windows | None,
+    training: TrainingOptions,
+    *,
+    progress: bool,
+    checkpoint_dir: Path | None,
+    resume: bool,
+    digest: str,
+) -> TrainingOutcome:
+    """Train a network whose scaling is set, and leave the best weights in it.
+
+    Args:
+        model: Network; its weights are overwritten.
+        train: Checked training windows.
+        valid: Checked validation windows, or None.
+        training: Options.
+        progress: Shows a progress bar.
+        checkpoint_dir: Folder of the checkpoint, or None.
+        resume: Goes on from the checkpoint where there is one.
+        digest: Fingerprint of data and options.
+
+    Raises:
+        FitError: No start gives a finite loss.
+    """
+    closed, accumulate = training.loop == "closed", training.objective == "accumulated"
+    problem = AnarxLeastSquares(model, train, closed=closed, accumulate=accumulate)
+    check = (
+        AnarxLeastSquares(model, valid, closed=closed, accumulate=accumulate)
+        if valid is not None
+        else None
+    )
+    path = claim_checkpoint(checkpoint_dir, "lm.pt", resume) if checkpoint_dir is not None else None
+    watch = _Progress(problem, check, training, path, digest)
+    options = lm_options(problem, training, training.max_iterations)
+    if path is not None and path.exists():
+        state = watch.restore(read_checkpoint(path, digest))
+    else:
+        state = best_start(model, train, problem, training)
+        watch.note(state)
+    with tqdm(
+        total=training.max_iterations,
+        initial=state.iteration,
+        desc="Levenberg-Marquardt",
+        disable=not progress,
+        leave=False,
+    ) as bar:
+        watch.bar = bar
+        state = levenberg_marquardt(problem, state, options, watch.note)
+    theta = watch.best_theta if watch.best_theta is not None else state.theta
+    model.set_weights(unpack_weights(theta, problem.like, problem.linear_path))
+    stopped = "patience" if state.stopped == "callback" else state.stopped
+    return TrainingOutcome(
+        state.iteration, stopped, tuple(watch.train), tuple(watch.valid), watch.best
+    )
+
+
+def lm_options(problem: AnarxLeastSquares, training: TrainingOptions, iterations: int) -> LmOptions:
+    """Return options whose ridge is relative to the total weight of the data."""
+    total = float(problem.data.weight.sum()) * problem.data.y.shape[-1]
+    return LmOptions(max_iterations=iterations, ridge=training.ridge * total)
+
+
+def best_start(
+    model: Anarx, train: Windows, problem: AnarxLeastSquares, training: TrainingOptions
+) -> LmState:
+    """Return the best of several starts after a few iterations each, counted from zero.
+
+    In closed loop each draw starts twice: without feedback, and from a fit one step ahead.
+
+    Args:
+        model: Network with its scaling set.
+        train: Training windows.
+        problem: Problem to be solved.
+        training: Options.
+
+    Raises:
+        FitError: No start gives a finite loss.
+    """
+    generator = torch.Generator().manual_seed(training.seed)
+    trial = lm_options(problem, training, training.start_iterations)
+    ahead = AnarxLeastSquares(model, train, closed=False) if problem.closed else problem
+    best: LmState | None = None
+    for _ in range(training.starts):
+        theta = random_start(ahead, generator, feedback=True)
+        candidates = [theta]
+        if problem.closed:
+            options = lm_options(ahead, training, OPEN_LOOP_ITERATIONS)
+            candidates = [
+                levenberg_marquardt(ahead, theta, options).theta,
+                random_start(problem, generator, feedback=False),
+            ]
+        for candidate in candidates:
+            if not problem.cost(candidate) < float("inf"):
+                continue
+            state = levenberg_marquardt(problem, candidate, trial)
+            cost = problem.cost(state.theta) + 0.5 * trial.ridge * float(state.theta @ state.theta)
+            state = state._replace(cost=cost)
+            if best is None or cost < best.cost:
+                best = state
+    if best is None:
+        raise FitError(
+            f"none of {training.starts} starts gives a finite loss; look at the scale of the "
+            "targets, or raise starts"
+        )
+    return start_state(best.theta)._replace(damping=best.damping, cost=best.cost)
