@@ -107,6 +107,7 @@ def fix_table(
         *(torch.from_numpy(a) for a in (lat, lon, height)),
         *(torch.from_numpy(np.ascontiguousarray(position[:, i])) for i in range(3)),
     )
+    satellites = generator(seed, "gnss/satellites").integers(7, 13, t.size)
     std = max(math.hypot(grade.noise, grade.correlated_noise), _LEAST_STD)
     measured = v + velocity
     return pd.DataFrame(
@@ -122,7 +123,7 @@ def fix_table(
             "std_n": std,
             "std_u": std * grade.vertical_factor,
             "std_v": max(grade.velocity_noise, _LEAST_VELOCITY_STD),
-            "satellites": generator(seed, "gnss/satellites").integers(7, 13, t.size),
+            "satellites": satellites.astype(np.float64),
         }
     )
 

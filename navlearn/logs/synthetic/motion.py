@@ -76,6 +76,8 @@ class Motion:
         crossfall: Spline of the road's crossfall over distance, rad, right side down.
         roll_gradient: Roll of the body per centripetal acceleration, rad/(m/s²); it leans
             outwards.
+        origin: Where it starts, latitude (rad), longitude (rad), height (m), where that is part
+            of the motion.
         description: One sentence on what is driven, for the log's metadata.
     """
 
@@ -85,6 +87,7 @@ class Motion:
     slope: Any
     crossfall: Any
     roll_gradient: float = 0.008
+    origin: tuple[float, float, float] | None = None
     description: str = ""
 
     def at(self, t: Array) -> Kinematics:

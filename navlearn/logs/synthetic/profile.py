@@ -24,6 +24,13 @@ PROFILES: dict[str, tuple[tuple[str, float], ...]] = {
     "suburb": (("suburb", 1.0),),
     "motorway": (("motorway", 1.0),),
     "hills": (("hills", 1.0),),
+    "commute": (
+        ("town", 0.3),
+        ("suburb", 0.2),
+        ("motorway", 0.2),
+        ("suburb", 0.1),
+        ("town", 0.2),
+    ),
     "mixed": (
         ("town", 0.25),
         ("suburb", 0.2),

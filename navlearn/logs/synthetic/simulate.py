@@ -44,7 +44,7 @@ class SimulatedDrive:
         log: What the sensors read; its reference is the truth.
         ideal: The same drive with error-free sensors at the same stamps, without latency.
         gyro_errors: Parts of the z gyro's error and their coefficients.
-        motion: The drive itself.
+        motion: The drive itself; None where the truth came from forces and rates.
         grade: The sensors' figures.
         seed: Seed of every draw.
     """
@@ -52,7 +52,7 @@ class SimulatedDrive:
     log: DriveLog
     ideal: DriveLog
     gyro_errors: AxisErrors
-    motion: Motion
+    motion: Motion | None
     grade: SensorGrade
     seed: int
 
@@ -111,7 +111,7 @@ def simulate_drive(
     odometer_rate_hz: float = 10.0,
     fix_rate_hz: float = 1.0,
     reference_rate_hz: float = 10.0,
-    origin: tuple[float, float, float] = ORIGIN,
+    origin: tuple[float, float, float] | None = None,
     lever_arm: tuple[float, float, float] = (0.0, 0.0, 0.0),
     standstill: float = 30.0,
     name: str | None = None,
@@ -130,7 +130,8 @@ def simulate_drive(
         odometer_rate_hz: Rate of the odometer, Hz.
         fix_rate_hz: Rate of the fixes, Hz.
         reference_rate_hz: Rate of the truth in the log's reference, Hz.
-        origin: Start: latitude (rad), longitude (rad), height (m).
+        origin: Start: latitude (rad), longitude (rad), height (m); None takes the motion's own,
+            or :data:`ORIGIN`.
         lever_arm: Antenna from the IMU, right, forward, up, m.
         standstill: How long the car stands before it starts, s; for named profiles.
         name: Name of the log; made of profile, grade and seed where None.
@@ -141,7 +142,6 @@ def simulate_drive(
     figures = find_grade(grade)
     _check(
         seed,
-        origin,
         imu_rate_hz=imu_rate_hz,
         odometer_rate_hz=odometer_rate_hz,
         fix_rate_hz=fix_rate_hz,
@@ -153,12 +153,13 @@ def simulate_drive(
         if isinstance(profile, Motion)
         else draw_motion(profile, duration=duration, seed=seed, standstill=standstill)
     )
+    start = _origin(origin, motion)
     stride, dt = grid_stride(imu_rate_hz), 1.0 / imu_rate_hz
     count = math.floor(min(duration, motion.duration) * imu_rate_hz + 1e-9)
     if count < 2:
         raise ConfigError(f"duration: found {duration} s, expected at least two IMU samples")
     # Whole fractions of a grid step: the last stamp may not overshoot the motion's end.
-    grid = integrate(motion, origin, np.arange(count * stride + 1) / (imu_rate_hz * stride))
+    grid = integrate(motion, start, np.arange(count * stride + 1) / (imu_rate_hz * stride))
     at_reference = stamps(count * dt, reference_rate_hz, 0.0)
     scene = _Scene(
         motion=motion,
@@ -240,14 +241,19 @@ def describe(
     )
 
 
-def _check(seed: int, origin: tuple[float, float, float], **rates: float) -> None:
-    if seed < 0:
-        raise ConfigError(f"seed: found {seed}, expected zero or more")
-    if not abs(origin[0]) < math.radians(89.0):
+def _origin(asked: tuple[float, float, float] | None, motion: Motion) -> tuple[float, float, float]:
+    start = asked or motion.origin or ORIGIN
+    if not abs(start[0]) < math.radians(89.0):
         raise ConfigError(
-            f"origin: found latitude {origin[0]}, expected radians within 89° of the equator; "
+            f"origin: found latitude {start[0]}, expected radians within 89° of the equator; "
             "convert degrees with math.radians"
         )
+    return start
+
+
+def _check(seed: int, **rates: float) -> None:
+    if seed < 0:
+        raise ConfigError(f"seed: found {seed}, expected zero or more")
     for name, value in rates.items():
         if not 0.0 < value <= 1000.0:
             raise ConfigError(f"{name}: found {value}, expected a rate above 0 and up to 1000 Hz")

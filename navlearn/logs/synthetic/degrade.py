@@ -1,0 +1,87 @@
+"""A stated synthetic gyro error on a real log: semi-synthetic data, and called so."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from navlearn.errors import LogError
+from navlearn.logs.drive_log import DriveLog
+from navlearn.logs.synthetic.draws import Array
+from navlearn.logs.synthetic.grades import SensorGrade, find_grade
+from navlearn.logs.synthetic.inertial_errors import AXES, gyro_errors, warming
+from navlearn.logs.synthetic.simulate import START_TEMPERATURE, thermometer
+
+
+def degrade_gyro(log: DriveLog, grade: str | SensorGrade = "mems_l", seed: int = 0) -> DriveLog:
+    """Return the log with the gyro error of a grade added to its own gyros.
+
+    The log's gyro stands for the true rate and its accelerometer for the true specific force;
+    g-sensitivity is left out where there is none, cross axis where there is only one gyro.
+    Without a temperature, the simulated one that the error follows is added.
+
+    Args:
+        log: Log with a gyro clearly better than the grade.
+        grade: Name of a sensor grade, or a grade; its gyro figures are used.
+        seed: Seed of every draw.
+
+    Returns:
+        The degraded log; its name, sensors and ``extra["semi_synthetic"]`` say what was done.
+
+    Raises:
+        LogError: The z gyro has values that are not finite.
+        ConfigError: No such grade.
+    """
+    figures = find_grade(grade)
+    imu = log.imu.copy()
+    t = imu["t"].to_numpy(dtype=np.float64)
+    rate, force = _triad(log, "gyro"), _triad(log, "accel")
+    if not np.isfinite(imu["gyro_z"].to_numpy()).all():
+        raise LogError(
+            f"{log.metadata.name}: gyro_z has values that are not finite; resample or cut the log "
+            "before its gyro is degraded"
+        )
+    warm = _warm(log, figures)
+    errors = gyro_errors(
+        rate,
+        force,
+        warm,
+        float(np.median(np.diff(t))),
+        grade=figures.gyro,
+        seed=seed,
+        purpose="degrade_gyro",
+    )
+    for i, axis in enumerate(AXES):
+        if f"gyro_{axis}" in imu:
+            imu[f"gyro_{axis}"] = errors[i].apply(imu[f"gyro_{axis}"].to_numpy(dtype=np.float64))
+    if "temperature" not in imu and figures.warming_k > 0.0:
+        imu["temperature"] = thermometer(warm, seed)
+    note = f"semi-synthetic: gyro error of grade {figures.name}, seed {seed}, added"
+    before = log.metadata.sensors.get("imu", "")
+    stated = {"grade": figures.name, "seed": seed, **errors[2].coefficients}
+    metadata = replace(
+        log.metadata,
+        name=f"{log.metadata.name}_{figures.name}_{seed}",
+        sensors={**log.metadata.sensors, "imu": f"{before}; {note}" if before else note},
+        extra={**log.metadata.extra, "semi_synthetic": stated},
+    )
+    return replace(log, imu=imu, metadata=metadata)
+
+
+def _triad(log: DriveLog, kind: str) -> Array:
+    count = len(log.imu)
+    columns = [
+        np.nan_to_num(log.imu[f"{kind}_{axis}"].to_numpy(dtype=np.float64))
+        if f"{kind}_{axis}" in log.imu
+        else np.zeros(count)
+        for axis in AXES
+    ]
+    return np.stack(columns, axis=-1)
+
+
+def _warm(log: DriveLog, grade: SensorGrade) -> Array:
+    if "temperature" in log.imu:
+        read = log.imu["temperature"].interpolate(limit_direction="both").to_numpy(np.float64)
+        if np.isfinite(read).all():
+            return np.asarray(read - START_TEMPERATURE, dtype=np.float64)
+    t = log.imu["t"].to_numpy(dtype=np.float64)
+    return warming(t - t[0], grade.warming_k, grade.warming_time)
