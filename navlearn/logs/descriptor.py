@@ -31,15 +31,19 @@ class _Strict(BaseModel):
 
 
 class Column(_Strict):
-    """Where a canonical column comes from.
+    """Where a canonical column comes from: ``scale`` × value in its unit + ``offset``.
 
     Attributes:
         column: Name in the file.
         unit: Its unit, such as ``deg`` or ``km/h``; SI and radians where left out.
+        scale: Factor beside the unit's, such as −1 for a sign of the other sense.
+        offset: Added after scaling, in SI and radians.
     """
 
     column: str
     unit: str | None = None
+    scale: Metres = 1.0
+    offset: Metres = 0.0
 
 
 class SpeedAndCourse(_Strict):
@@ -63,8 +67,8 @@ class Table(_Strict):
         columns: Canonical column to where it comes from; a bare string is a name in SI units.
             Left out, the file's own canonical names are taken, unit suffixes understood.
         velocity: Horizontal velocity, where the file has it as speed and course.
-        geoid_height: Height of the geoid above the ellipsoid, m, added to orthometric heights;
-            0 where heights are ellipsoidal.
+        epoch: Column of exact epochs on the receiver's own clock, where ``time`` is the jittery
+            time of arrival.
         sampling: ``interval`` where a sample is the mean over the interval ending at its time.
     """
 
@@ -72,7 +76,7 @@ class Table(_Strict):
     time: Column = Column(column="t")
     columns: dict[str, Column | str] | None = None
     velocity: SpeedAndCourse | None = None
-    geoid_height: Metres = 0.0
+    epoch: Column | None = None
     sampling: Literal["instant", "interval"] = "instant"
 
 

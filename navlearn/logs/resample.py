@@ -26,6 +26,7 @@ from navlearn.logs.interval_means import (
     typical_period,
 )
 from navlearn.logs.stationary import StationaryOptions, stationary_intervals
+from navlearn.mechanization.tilt import TiltOptions, tilt_from_specific_force
 from navlearn.states import FixTiming, GnssFix, RissSample
 
 
@@ -38,12 +39,14 @@ class ResampleOptions:
         max_odometer_gap: Longest gap in the odometer that a straight line may bridge, s.
         fixes: What is assumed where fixes do not tell their own standard deviations.
         stationary: What counts as standing still.
+        tilt: How pitch and roll are found for 3D.
     """
 
     max_imu_gap: float = 0.5
     max_odometer_gap: float = 3.5
     fixes: FixOptions = field(default_factory=FixOptions)
     stationary: StationaryOptions = field(default_factory=StationaryOptions)
+    tilt: TiltOptions = field(default_factory=TiltOptions)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,7 +103,7 @@ def riss_timeline(
     _refuse_odometer_gap(log, edges, chosen.max_odometer_gap)
     samples = _samples(log, edges, chosen)
     if dims == 3:
-        samples = _with_tilt(samples, log)
+        samples = _with_tilt(samples, log, chosen.tilt)
     fixes, timing, fix_time = fixes_from_table(log.fixes, edges, chosen.fixes)
     return RissTimeline(
         start_time=float(edges[0]),
@@ -200,10 +203,7 @@ def _imu_mean(log: DriveLog, column: str, edges: FloatArray, max_gap: float) -> 
     return interval_means(t, values, edges, sampling=_sampling(log, "imu"))
 
 
-def _with_tilt(samples: RissSample, log: DriveLog) -> RissSample:
-    # Imported late: a 2D timeline needs no mechanization.
-    from navlearn.mechanization.tilt import TiltOptions, tilt_from_specific_force
-
+def _with_tilt(samples: RissSample, log: DriveLog, options: TiltOptions) -> RissSample:
     missing = [name for name in ("accel_x", "accel_y") if name not in log.imu]
     if missing:
         raise LogError(
@@ -212,13 +212,13 @@ def _with_tilt(samples: RissSample, log: DriveLog) -> RissSample:
         )
     lat = torch.tensor(float(log.fixes["lat"].dropna().iloc[0]), dtype=torch.float64)
     gravity = earth.normal_gravity(lat, torch.zeros_like(lat))
-    pitch, roll = tilt_from_specific_force(
+    tilt = tilt_from_specific_force(
         samples.f_y,
         samples.f_x,
         samples.speed,
         samples.yaw_rate,
         samples.dt,
         gravity,
-        TiltOptions(),
+        options,
     )
-    return samples._replace(pitch=pitch, roll=roll)
+    return samples._replace(pitch=tilt.pitch, roll=tilt.roll)

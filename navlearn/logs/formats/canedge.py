@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from navlearn.errors import LogError, LogNotFoundError, MissingExtraError
-from navlearn.logs.assemble import Published
+from navlearn.logs.assemble import Published, without_empty_fixes
 from navlearn.logs.descriptor import Descriptor
 from navlearn.logs.formats.epochs import clock_from_epochs, rows_of_epochs
 from navlearn.logs.formats.finding import listing
@@ -63,6 +63,7 @@ def read_canedge(folder: Path, descriptor: Descriptor) -> Published:
     odometer = _joined(parts, "odometer")
     for name, table, what in (
         ("imu", imu, "valid CANmod.gps IMU message"),
+        ("fixes", fixes, "valid GNSS position"),
         ("odometer", odometer, "OBD-II answer to PID 0x0D (speed)"),
     ):
         if table.empty:
@@ -175,14 +176,11 @@ def _odometer(frames: Any) -> pd.DataFrame:
 
 
 def _fixes(gnss: pd.DataFrame) -> tuple[pd.DataFrame, dict[str, object]]:
-    gnss = gnss.dropna(subset=["Latitude", "Longitude"]).reset_index(drop=True)
-    if gnss.empty:
-        raise LogError("no valid GNSS position in the drive; nothing can be aided or judged")
-    t, drift = clock_from_epochs(gnss["epoch"].to_numpy(), gnss["t"].to_numpy())
     course = np.radians(gnss["Heading"])
     fixes = pd.DataFrame(
         {
-            "t": t,
+            "t": gnss["t"],
+            "epoch": gnss["epoch"],
             "lat": np.radians(gnss["Latitude"]),
             "lon": np.radians(gnss["Longitude"]),
             "height": gnss["Altitude"],
@@ -195,4 +193,8 @@ def _fixes(gnss: pd.DataFrame) -> tuple[pd.DataFrame, dict[str, object]]:
             "satellites": gnss["satellites"],
         }
     )
-    return fixes, {"gnss_clock_drift_ppm": round(drift * 1e6, 3)}
+    fixes = without_empty_fixes(fixes)
+    if fixes.empty:
+        return fixes.drop(columns="epoch"), {}
+    t, drift = clock_from_epochs(fixes["epoch"].to_numpy(), fixes["t"].to_numpy())
+    return fixes.assign(t=t).drop(columns="epoch"), {"gnss_clock_drift_ppm": round(drift * 1e6, 3)}

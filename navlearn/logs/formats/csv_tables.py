@@ -5,20 +5,24 @@ With a descriptor any columns, units and axes; without one the canonical names o
 """
 
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import pandas as pd
 
 from navlearn.errors import ConfigError, LogError, LogNotFoundError, MissingExtraError
-from navlearn.logs.assemble import Published
+from navlearn.logs.assemble import Published, without_empty_fixes
 from navlearn.logs.columns import TABLES
 from navlearn.logs.descriptor import Column, Descriptor, Table
+from navlearn.logs.formats.epochs import clock_from_epochs
 from navlearn.logs.formats.finding import listing
 from navlearn.logs.nearest import nearest_hint
 from navlearn.logs.units import factor_to_si, split_suffix
 
 ENDINGS: Final = (".csv", ".csv.gz", ".parquet")
+_PANDAS: Final = tuple(int(part) for part in pd.__version__.split(".")[:2])
+# From 3.1 pandas reads every float64 exactly and warns of the option that older ones need.
+_EXACT: Final[Any] = {} if _PANDAS >= (3, 1) else {"float_precision": "round_trip"}
 STEMS: Final[dict[str, tuple[str, ...]]] = {
     "imu": ("imu",),
     "odometer": ("odometer",),
@@ -46,10 +50,6 @@ def read_csv_tables(folder: Path, descriptor: Descriptor) -> Published:
     """
     layout = descriptor.tables or _usual_tables(folder)
     tables = {name: _read(folder, name, table) for name, table in layout.items()}
-    if "fixes" in tables and "height" in tables["fixes"]:
-        tables["fixes"]["height"] += layout["fixes"].geoid_height
-    if "reference" in tables and "height" in tables["reference"]:
-        tables["reference"]["height"] += layout["reference"].geoid_height
     return Published(
         tables={str(name): table for name, table in tables.items()},
         files={str(name): table.file for name, table in layout.items()},
@@ -85,7 +85,7 @@ def read_frame(path: Path) -> pd.DataFrame:
     try:
         if path.suffix == ".parquet":
             return pd.read_parquet(path)
-        return pd.read_csv(path, float_precision="round_trip")
+        table: pd.DataFrame = pd.read_csv(path, **_EXACT)
     except ImportError as error:
         raise MissingExtraError(
             f"{path.name}: reading Parquet needs pyarrow; pip install navlearn[parquet]"
@@ -96,6 +96,7 @@ def read_frame(path: Path) -> pd.DataFrame:
         raise LogError(
             f"{path.name}: not readable as a table ({error}); it is truncated or of another format"
         ) from error
+    return table
 
 
 def _usual_tables(folder: Path) -> dict[str, Table]:
@@ -130,7 +131,17 @@ def _read(folder: Path, name: str, layout: Table) -> pd.DataFrame:
         speed = _taken(path.name, frame, "speed", layout.velocity.speed)
         course = _taken(path.name, frame, "course", layout.velocity.course)
         result["v_e"], result["v_n"] = speed * np.sin(course), speed * np.cos(course)
-    return pd.DataFrame(result)
+    return _on_epochs(path.name, frame, pd.DataFrame(result), layout.epoch)
+
+
+def _on_epochs(
+    file: str, frame: pd.DataFrame, table: pd.DataFrame, epoch: Column | None
+) -> pd.DataFrame:
+    if epoch is None:
+        return table
+    table = without_empty_fixes(table.assign(epoch=_taken(file, frame, "t", epoch)))
+    t, _ = clock_from_epochs(table["epoch"].to_numpy(np.float64), table["t"].to_numpy(np.float64))
+    return table.assign(t=t).drop(columns="epoch")
 
 
 def _near(folder: Path) -> str:
@@ -144,11 +155,9 @@ def _taken(file: str, frame: pd.DataFrame, canonical: str, source: Column) -> pd
             f"{file}: no column {source.column}{hint}, which the descriptor names for "
             f"{canonical}; found {', '.join(map(str, frame.columns))}"
         )
-    values = frame[source.column]
-    if source.unit is None:
-        return values
-    factor = factor_to_si(source.unit, canonical)
-    return values if factor == 1.0 else _scaled(file, values, factor)
+    factor = source.scale * (factor_to_si(source.unit, canonical) if source.unit else 1.0)
+    values = _scaled(file, frame[source.column], factor)
+    return values + source.offset if source.offset != 0.0 else values
 
 
 def _by_name(file: str, name: str, frame: pd.DataFrame) -> pd.DataFrame:
@@ -168,7 +177,7 @@ def _by_name(file: str, name: str, frame: pd.DataFrame) -> pd.DataFrame:
 
 def _scaled(file: str, values: pd.Series, factor: float) -> pd.Series:
     if pd.api.types.is_numeric_dtype(values):
-        return values * factor
+        return values * factor if factor != 1.0 else values
     numeric = pd.to_numeric(values, errors="coerce")
     row = int(np.argmax((numeric.isna() & values.notna()).to_numpy()))
     raise LogError(

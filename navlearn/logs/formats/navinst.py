@@ -3,7 +3,8 @@
 ``f_w_IMSseconds_dt.mat`` holds the IMU (already x right, y forward, z up), a CarChip file the
 OBD-II speed, ``BESTGPSPOS`` and ``BESTGPSVEL`` the NovAtel fixes, ``INSPVA`` the reference.
 All are on GPS seconds of week. BESTGPSPOS heights are above mean sea level, INSPVA heights above
-the ellipsoid.
+the ellipsoid. IMU samples are means over the interval that ends at their time: read as instants,
+they lag the reference's azimuth by 0.050 s, half their spacing.
 """
 
 import zlib
@@ -99,6 +100,7 @@ def read_navinst(folder: Path, descriptor: Descriptor) -> Published:
         axes="RFU",
         geoid_height=KINGSTON_GEOID_HEIGHT,
         time_scale="GPS seconds of week",
+        interval_means=("imu",),
     )
 
 
