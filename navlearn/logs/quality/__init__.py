@@ -2,15 +2,16 @@
 
 from navlearn.logs.quality.calibration import (
     Calibration,
-    Estimate,
     estimate_calibration,
+    gnss_latency,
     gyro_bias_at_rest,
     gyro_bias_from_turns,
+    odometer_latency,
     odometer_scale,
 )
 from navlearn.logs.quality.check import check_log
 from navlearn.logs.quality.findings import Finding, QualityReport
-from navlearn.logs.quality.latency import Latency, latency_between
+from navlearn.logs.quality.latency import Estimate, Latency, latency_between
 
 __all__ = [
     "Calibration",
@@ -20,8 +21,10 @@ __all__ = [
     "QualityReport",
     "check_log",
     "estimate_calibration",
+    "gnss_latency",
     "gyro_bias_at_rest",
     "gyro_bias_from_turns",
     "latency_between",
+    "odometer_latency",
     "odometer_scale",
 ]

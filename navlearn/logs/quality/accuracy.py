@@ -14,7 +14,6 @@ from navlearn.logs.quality.signals import (
     Mask,
     Track,
     column,
-    looks_like_degrees,
     median_interval,
     resampled,
     track_of,
@@ -58,9 +57,6 @@ def _reference_at(reference: pd.DataFrame, name: str, t: Array, longest: float) 
 
 
 def _against_reference(part: Part, fixes: pd.DataFrame, reference: pd.DataFrame) -> None:
-    if looks_like_degrees(fixes) != looks_like_degrees(reference):
-        part.not_observable["fix_error_median_m"] = "fixes and reference are in different units"
-        return
     t, east, north, up = errors_against(fixes, reference)
     known = np.isfinite(east + north)
     if np.count_nonzero(known) < 3:
@@ -252,6 +248,9 @@ def _check_components(part: Part, name: str, track: Track) -> None:
 
 
 def _check_invented(part: Part, fixes: pd.DataFrame) -> None:
+    if _is_coarse(fixes):
+        part.not_observable["fixes_interpolated_share"] = "positions come in steps over 1 cm"
+        return
     count, moving = interpolated_fixes(fixes)
     if moving < 20:
         return
@@ -266,6 +265,13 @@ def _check_invented(part: Part, fixes: pd.DataFrame) -> None:
             "measured positions",
             "do not count them as GNSS: they hide outages that the drive had",
         )
+
+
+def _is_coarse(fixes: pd.DataFrame) -> bool:
+    """Tell whether positions have seven decimals of a degree or fewer."""
+    lat = np.degrees(column(fixes, "lat"))
+    scaled = lat[np.isfinite(lat)] * 1e7
+    return bool(np.all(np.abs(scaled - np.round(scaled)) < 1e-2))
 
 
 def interpolated_fixes(fixes: pd.DataFrame) -> tuple[int, int]:

@@ -1,13 +1,11 @@
-"""Whether sensors agree with each other: turns, speeds, forces, clocks."""
+"""Whether sensors agree with each other: turns, speeds, forces."""
 
-from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 
 from navlearn.logs.drive_log import DriveLog
 from navlearn.logs.quality.calibration import (
-    Estimate,
-    combined_odometer_latency,
     reading_at_rest,
     vertical_earth_rate,
 )
@@ -15,12 +13,13 @@ from navlearn.logs.quality.delay_fit import fit_delay
 from navlearn.logs.quality.findings import Part, Severity
 from navlearn.logs.quality.latency import (
     LIMIT,
+    Estimate,
     Latency,
     compare,
     gain_comparison,
     turn_comparison,
 )
-from navlearn.logs.quality.signals import column, standstill
+from navlearn.logs.quality.signals import standstill
 
 _DEG_PER_H = float(np.degrees(1.0)) * 3600.0
 
@@ -35,10 +34,10 @@ def check_turns(log: DriveLog) -> Part:
     if rest is None:
         part.not_observable["gyro_bias_at_rest_deg_per_h"] = "under 15 s of standstill"
     else:
-        _note(part, "gyro_bias_at_rest", rest, _DEG_PER_H, "_deg_per_h")
+        _note(part, "gyro_bias_at_rest", rest, "_deg_per_h")
     by_fixes, by_reference = compare(log, "fixes", "imu"), compare(log, "reference", "imu")
     best = by_fixes if isinstance(by_reference, str) else by_reference
-    _note_bias(part, rest, best)
+    _note_bias(part, rest, best, trusted=best is by_reference)
     if isinstance(best, str):
         part.not_observable["gyro_scale"] = best
         _check_axes(part, log, gyro_z=None)
@@ -51,24 +50,26 @@ def check_turns(log: DriveLog) -> Part:
     return part
 
 
-def _note(part: Part, name: str, found: Estimate, unit: float = 1.0, suffix: str = "") -> None:
-    part.figures[name + suffix] = found.value * unit
-    part.figures[f"{name}_std{suffix}"] = found.std * unit
+def _note(part: Part, name: str, found: Estimate, suffix: str = "") -> None:
+    unit = _DEG_PER_H if suffix == "_deg_per_h" else 1.0
+    part.note(name, found.value * unit, found.std * unit, suffix)
 
 
-def _note_bias(part: Part, rest: Estimate | None, best: Latency | str) -> None:
+def _note_bias(part: Part, rest: Estimate | None, best: Latency | str, *, trusted: bool) -> None:
     drive = (
         None
         if isinstance(best, str)
         else Estimate(-best.offset / best.scale, best.offset_std / abs(best.scale))
     )
     if drive is not None:
-        _note(part, "gyro_bias_in_motion", drive, _DEG_PER_H, "_deg_per_h")
-    chosen = drive if rest is None or (drive and drive.std < 2.0 * rest.std) else rest
+        _note(part, "gyro_bias_in_motion", drive, "_deg_per_h")
+    # A reference sees the bias through the whole drive; fixes must beat the standstills.
+    better = drive is not None and (trusted or rest is None or drive.std < rest.std)
+    chosen = drive if better else rest
     if chosen is None:
         part.not_observable["gyro_bias_deg_per_h"] = "no standstill, and no turns to compare with"
         return
-    _note(part, "gyro_bias", chosen, _DEG_PER_H, "_deg_per_h")
+    _note(part, "gyro_bias", chosen, "_deg_per_h")
     part.figures["gyro_bias_less_earth_rate_deg_per_h"] = (
         chosen.value * _DEG_PER_H - part.figures["earth_rate_up_deg_per_h"]
     )
@@ -114,10 +115,11 @@ def _judge_gyro_scale(part: Part, scale: Estimate) -> None:
 
 
 def _check_axes(part: Part, log: DriveLog, *, gyro_z: Latency | None) -> None:
-    table = "reference" if isinstance(turn_comparison(log, "fixes"), str) else "fixes"
+    lacking = isinstance(turn_comparison(log, "fixes"), str)
+    table: Literal["fixes", "reference"] = "reference" if lacking else "fixes"
     own = 0.0 if gyro_z is None else gyro_z.correlation
     for axis in ("gyro_x", "gyro_y"):
-        laid = turn_comparison(log, table, gyro=axis)  # type: ignore[arg-type]
+        laid = turn_comparison(log, table, gyro=axis)
         if isinstance(laid, str) or len(laid.t) < 20:
             continue
         fit = fit_delay(laid.t, laid.observed, laid.design, weight=laid.weight, limit=LIMIT)
@@ -176,7 +178,7 @@ def _judge_odometer_scale(part: Part, value: float) -> None:
 def check_forces(log: DriveLog) -> Part:
     """Compare the accelerometer with the odometer's gain and with the turns."""
     part = Part()
-    laid = gain_comparison(log)
+    laid = gain_comparison(log, "odometer")
     if isinstance(laid, str):
         part.not_observable["accel_y_scale"] = laid
         return part
@@ -201,7 +203,7 @@ def check_forces(log: DriveLog) -> Part:
 def _check_sideways(part: Part, log: DriveLog, own: float) -> None:
     if "accel_x" not in log.imu:
         return
-    laid = gain_comparison(replace(log, imu=log.imu.assign(accel_y=log.imu["accel_x"])))
+    laid = gain_comparison(log, "odometer", along="accel_x")
     if isinstance(laid, str) or len(laid.t) < 20:
         return
     fit = fit_delay(laid.t, laid.observed, laid.design, weight=laid.weight, limit=LIMIT)
@@ -215,73 +217,3 @@ def _check_sideways(part: Part, log: DriveLog, own: float) -> None:
             "y forward, following the gain of speed",
             "map the axes in the descriptor: x right, y forward, z up",
         )
-
-
-def check_clocks(log: DriveLog) -> Part:
-    """Estimate how late fixes and odometer are stamped; positive is late."""
-    part = Part()
-    turns = compare(log, "fixes", "imu", with_drift=True)
-    speeds = compare(log, "odometer", "fixes", with_drift=True)
-    gains = compare(log, "odometer", "imu")
-    against_reference = compare(log, "reference", "imu")
-    for name, found in (
-        ("gnss_latency", turns),
-        ("odometer_latency_to_gnss", speeds),
-        ("odometer_latency_by_force", gains),
-        ("reference_latency", against_reference),
-    ):
-        if isinstance(found, str):
-            part.not_observable[f"{name}_s"] = found
-        else:
-            _note(part, name, Estimate(found.delay, found.std), 1.0, "_s")
-            _note_drift(part, name, found)
-    gnss = None if isinstance(turns, str) else Estimate(turns.delay, turns.std)
-    odometer = combined_odometer_latency(gnss, speeds, gains)
-    if odometer is None:
-        part.not_observable["odometer_latency_s"] = "neither fixes nor forces tell it"
-    else:
-        _note(part, "odometer_latency", odometer, 1.0, "_s")
-    _judge_latency(part, "fixes", gnss, log.metadata.gnss_latency)
-    _judge_latency(part, "odometer", odometer, log.metadata.odometer_latency)
-    return part
-
-
-def _note_drift(part: Part, name: str, found: Latency) -> None:
-    if found.drift == 0.0:
-        return
-    part.figures[f"{name}_at_start_s"] = found.at_start
-    part.figures[f"{name}_at_end_s"] = found.at_end
-    moved = found.at_end - found.at_start
-    if abs(moved) > 0.15 and abs(found.drift) > 5.0 * found.drift_std:
-        part.add(
-            "warning",
-            "clock drift",
-            name.split("_")[0],
-            f"{name.replace('_', ' ')} runs from {found.at_start:+.2f} to {found.at_end:+.2f} s",
-            "one clock, or a constant latency",
-            "estimate the latency anew along the drive, or rescale the stream's time",
-        )
-
-
-def _judge_latency(part: Part, table: str, found: Estimate | None, stated: float) -> None:
-    if found is None:
-        return
-    rest = found.value - stated
-    if abs(rest) < max(0.08, 4.0 * found.std):
-        return
-    word = "late" if found.value > 0.0 else "early"
-    part.add(
-        "warning" if abs(rest) > 0.6 else "info",
-        "latency",
-        table,
-        f"stamped {abs(found.value):.2f} ± {found.std:.2f} s {word} against the IMU",
-        f"the {stated:g} s that the metadata state",
-        f"state the latency of {table} ({found.value:+.2f} s) in the descriptor",
-    )
-
-
-def stationary_time(log: DriveLog) -> float:
-    """Return how long the car stood still, s."""
-    t = column(log.imu, "t")
-    still = standstill(log)
-    return float(np.sum(np.diff(t)[still[1:]])) if len(t) > 1 else 0.0

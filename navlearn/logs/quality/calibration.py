@@ -5,29 +5,26 @@ time is looked at, so that a calibration made before an outage may be used in it
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
 from navlearn import wgs84
 from navlearn.logs.drive_log import DriveLog
-from navlearn.logs.quality.latency import Latency, compare, ordered
-from navlearn.logs.quality.signals import Array, column, looks_like_degrees, standstill
+from navlearn.logs.quality.latency import (
+    Estimate,
+    Latency,
+    compare,
+    fitted_latency,
+    gain_comparison,
+    ordered,
+)
+from navlearn.logs.quality.signals import Array, column, standstill
+
+_SIDE_SLIP = 0.04
+"""What lever arm and side slip may do to a latency told by turns, s."""
 
 _BLOCK = 5.0
 """Length of the means from which the bias and its spread are taken, s."""
-
-
-class Estimate(NamedTuple):
-    """A number and how well it is known.
-
-    Attributes:
-        value: The estimate.
-        std: Its standard deviation, in the same unit.
-    """
-
-    value: float
-    std: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,6 +82,32 @@ def gyro_bias_from_turns(log: DriveLog, *, until: float | None = None) -> Estima
     return None if isinstance(found, str) else _bias_from(found, part)
 
 
+def gnss_latency(log: DriveLog, *, until: float | None = None) -> Estimate | None:
+    """Return how late fixes are stamped against the IMU, by turns and by forces, s, or None.
+
+    Args:
+        log: The log.
+        until: Nothing at or after this time is used, s.
+    """
+    part = ordered(log, until=until)
+    return combined(ways_to_gnss_latency(part))
+
+
+def odometer_latency(log: DriveLog, *, until: float | None = None) -> Estimate | None:
+    """Return how late odometer samples are stamped against the IMU, s, or None.
+
+    By forces, and by way of the fixes. Where the latency drifts along the log, it is that at
+    the end of what was looked at.
+
+    Args:
+        log: The log.
+        until: Nothing at or after this time is used, s.
+    """
+    part = ordered(log, until=until)
+    ways = ways_to_odometer_latency(part, combined(ways_to_gnss_latency(part)), latest=True)
+    return combined(ways)
+
+
 def estimate_calibration(log: DriveLog, *, until: float | None = None) -> Calibration:
     """Return everything that the log tells about its sensors up to a time.
 
@@ -93,38 +116,63 @@ def estimate_calibration(log: DriveLog, *, until: float | None = None) -> Calibr
         until: Nothing at or after this time is used, s; None for the whole log.
     """
     part = ordered(log, until=until)
-    turns = compare(part, "fixes", "imu")
-    speeds = compare(part, "odometer", "fixes")
-    gains = compare(part, "odometer", "imu")
-    rest = gyro_bias_at_rest(part)
-    gnss = None if isinstance(turns, str) else Estimate(turns.delay, turns.std)
     return Calibration(
-        odometer_scale=None
-        if isinstance(speeds, str)
-        else Estimate(speeds.scale, speeds.scale_std),
-        gyro_bias=rest if rest or isinstance(turns, str) else _bias_from(turns, part),
-        gnss_latency=gnss,
-        odometer_latency=combined_odometer_latency(gnss, speeds, gains),
+        odometer_scale=odometer_scale(part),
+        gyro_bias=gyro_bias_at_rest(part) or gyro_bias_from_turns(part),
+        gnss_latency=gnss_latency(part),
+        odometer_latency=odometer_latency(part),
     )
 
 
-def combined_odometer_latency(
-    gnss: Estimate | None, speeds: Latency | str, gains: Latency | str
-) -> Estimate | None:
-    """Return the odometer's latency against the IMU, by way of the fixes and directly.
+def ways_to_gnss_latency(log: DriveLog) -> dict[str, Estimate]:
+    """Return the latency of the fixes against the IMU by turns and by forces, where told."""
+    laid = gain_comparison(log, "fixes")
+    found = {
+        "by_turns": compare(log, "fixes", "imu"),
+        "by_force": laid if isinstance(laid, str) else fitted_latency(laid),
+    }
+    floor = {"by_turns": _SIDE_SLIP, "by_force": 0.0}
+    return {
+        way: Estimate(latency.delay, float(np.hypot(latency.std, floor[way])))
+        for way, latency in found.items()
+        if not isinstance(latency, str)
+    }
+
+
+def ways_to_odometer_latency(
+    log: DriveLog, gnss: Estimate | None, *, latest: bool = False
+) -> dict[str, Estimate]:
+    """Return the latency of the odometer against the IMU by way of the fixes and by forces.
 
     Args:
+        log: The log, in order.
         gnss: Latency of the fixes against the IMU.
-        speeds: Odometer against fixes.
-        gains: Odometer against IMU.
+        latest: Whether a drifting latency is taken at its end instead of its middle.
     """
-    ways = [] if isinstance(gains, str) else [Estimate(gains.delay, gains.std)]
-    if gnss is not None and not isinstance(speeds, str):
-        ways.append(Estimate(speeds.delay + gnss.value, float(np.hypot(speeds.std, gnss.std))))
+    ways: dict[str, Estimate] = {}
+    gains = compare(log, "odometer", "imu")
+    if not isinstance(gains, str):
+        ways["by_force"] = Estimate(gains.delay, gains.std)
+    speeds = compare(log, "odometer", "fixes", with_drift=True)
+    if gnss is None or isinstance(speeds, str):
+        return ways
+    by_fixes = Estimate(speeds.delay, speeds.std)
+    drifts = speeds.drifts
+    if latest and drifts:
+        by_fixes = speeds.last
+        ways.clear()
+    ways["by_fixes"] = Estimate(
+        by_fixes.value + gnss.value, float(np.hypot(by_fixes.std, gnss.std))
+    )
+    return ways
+
+
+def combined(ways: dict[str, Estimate]) -> Estimate | None:
+    """Return the mean of independent estimates, each weighted by its inverse variance."""
     if not ways:
         return None
-    weights = np.array([1.0 / way.std**2 for way in ways])
-    values = np.array([way.value for way in ways])
+    weights = np.array([1.0 / way.std**2 for way in ways.values()])
+    values = np.array([way.value for way in ways.values()])
     return Estimate(float(np.average(values, weights=weights)), float(np.sum(weights) ** -0.5))
 
 
@@ -160,10 +208,7 @@ def vertical_earth_rate(log: DriveLog) -> float:
     lat = lat[np.isfinite(lat)]
     if len(lat) == 0:
         return 0.0
-    middle = float(np.median(lat))
-    if looks_like_degrees(log.fixes):
-        middle = float(np.radians(middle))
-    return wgs84.EARTH_RATE * float(np.sin(middle))
+    return wgs84.EARTH_RATE * float(np.sin(np.median(lat)))
 
 
 def _bias_from(turns: Latency, log: DriveLog) -> Estimate:

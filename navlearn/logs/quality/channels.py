@@ -73,9 +73,9 @@ def _check_empty(part: Part, table: str, channel: str, t: Array, x: Array) -> No
     share = float(np.mean(empty))
     if share == 0.0 or (share == 1.0 and channel not in columns.REQUIRED[table]):
         return
-    part.figures[f"{table}_{channel}_missing_share"] = share
-    if channel not in columns.REQUIRED[table]:
+    if channel not in columns.REQUIRED[table] or channel == "lon":
         return
+    part.figures[f"{table}_{channel}_missing_share"] = share
     first, last = runs(empty)
     length = t[last] - t[first] + median_interval(t)
     worst = int(np.argmax(length))

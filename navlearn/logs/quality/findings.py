@@ -63,6 +63,11 @@ class Part:
             )
         )
 
+    def note(self, name: str, value: float, std: float, suffix: str = "") -> None:
+        """Note a figure with its standard deviation; the suffix is its unit."""
+        self.figures[name + suffix] = value
+        self.figures[f"{name}_std{suffix}"] = std
+
 
 @dataclass(frozen=True, kw_only=True)
 class QualityReport:
@@ -125,11 +130,32 @@ def assemble(name: str, parts: Iterable[Part]) -> QualityReport:
     )
 
 
+_RHYTHM = ("rate_hz", "jitter_s", "longest_gap_s", "missing", "interruptions")
+"""Figures that every table has; they are printed side by side."""
+
+
 def _figure_lines(figures: Mapping[str, float], missing: Mapping[str, str]) -> list[str]:
-    width = max((len(key) for key in [*figures, *missing]), default=0)
-    lines = [f"  {key:{width}}  {value:.6g}" for key, value in figures.items()]
+    tables = [key.removesuffix("_rate_hz") for key in figures if key.endswith("_rate_hz")]
+    rhythm = {f"{table}_{name}" for table in tables for name in _RHYTHM}
+    lines = ["table      " + " ".join(f"{name:>14}" for name in _RHYTHM)] if tables else []
+    for table in tables:
+        values = (figures[f"{table}_{name}"] for name in _RHYTHM)
+        lines.append(f"{table:10} " + " ".join(f"{value:14.6g}" for value in values))
+    shown = {key: value for key, value in figures.items() if key not in rhythm}
+    spreads = {_spread_of(key): value for key, value in shown.items() if "_std" in key}
+    width = max((len(key) for key in [*shown, *missing]), default=0)
+    lines += ["", "figure"] if shown or missing else []
+    for key, value in shown.items():
+        if "_std" not in key or _spread_of(key) not in shown:
+            spread = f" ± {spreads[key]:.2g}" if key in spreads else ""
+            lines.append(f"  {key:{width}}  {value:.5g}{spread}")
     lines += [f"  {key:{width}}  not observable: {why}" for key, why in missing.items()]
-    return ["figures", *lines] if lines else []
+    return lines
+
+
+def _spread_of(key: str) -> str:
+    """Return the figure whose standard deviation a key names."""
+    return "".join(key.rsplit("_std", 1))
 
 
 def _gap_lines(gaps: pd.DataFrame, most: int = 12) -> list[str]:

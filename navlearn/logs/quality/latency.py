@@ -5,12 +5,15 @@ describes what the other stream calls t − d. Three comparisons tell it:
 
 * direction of motion (or reference azimuth) against the turned angle of the gyro;
 * odometer speed against GNSS or reference speed;
-* growth of the odometer's speed against the integral of the forward specific force.
+* growth of a speed against the integral of the forward specific force.
+
+Direction of motion is that of the antenna: ahead of the rear axle it turns early at low speed,
+and side slip turns it late at high speed, some 0.05 s each; the forces know neither.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -32,6 +35,18 @@ Stream = Literal["imu", "odometer", "fixes", "reference"]
 
 LIMIT = 2.0
 """Largest latency searched, s."""
+
+
+class Estimate(NamedTuple):
+    """A number and how well it is known.
+
+    Attributes:
+        value: The estimate.
+        std: Its standard deviation, in the same unit.
+    """
+
+    value: float
+    std: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,6 +82,17 @@ class Latency:
     correlation: float
     residual: float
     samples: int
+
+    @property
+    def drifts(self) -> bool:
+        """Whether a growth was fitted and stands out of its uncertainty fivefold."""
+        return abs(self.drift) > 5.0 * self.drift_std
+
+    @property
+    def last(self) -> Estimate:
+        """Latency at the last sample used, s."""
+        reach = 0.5 * (self.at_end - self.at_start) / self.drift if self.drift else 0.0
+        return Estimate(self.at_end, float(np.hypot(self.std, self.drift_std * reach)))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,13 +138,7 @@ def ordered(log: DriveLog, *, until: float | None = None) -> DriveLog:
         clean = in_order(table)
         return clean[clean["t"] < end]
 
-    return DriveLog(
-        imu=cut(log.imu),
-        odometer=cut(log.odometer),
-        fixes=cut(log.fixes),
-        reference=None if log.reference is None else cut(log.reference),
-        metadata=log.metadata,
-    )
+    return log.with_tables({name: cut(table) for name, table in log.tables().items()})
 
 
 def compare(
@@ -139,7 +159,7 @@ def compare(
         laid = _COMPARISONS[stream, against](log)
         if isinstance(laid, str):
             return laid
-        return _fitted(laid, with_drift=with_drift)
+        return fitted_latency(laid, with_drift=with_drift)
     if (against, stream) in _COMPARISONS:
         found = compare(log, against, stream, with_drift=with_drift)
         return found if isinstance(found, str) else _reversed(found)
@@ -149,7 +169,8 @@ def compare(
     )
 
 
-def _fitted(laid: Comparison, *, with_drift: bool) -> Latency | str:
+def fitted_latency(laid: Comparison, *, with_drift: bool = False) -> Latency | str:
+    """Return the latency that makes the two sides of a comparison agree, or why none does."""
     if len(laid.t) < 20:
         return f"only {len(laid.t)} samples in motion to compare, 20 needed"
     span = float(laid.t[-1] - laid.t[0])
@@ -228,8 +249,8 @@ def turn_comparison(
     rows = log.fixes if table == "fixes" else log.reference
     if rows is None or len(rows) < 3:
         return f"the log has no {table}"
-    t, rate = column(log.imu, "t"), column(log.imu, gyro)
-    if len(t) < 3 or not np.any(np.isfinite(rate)):
+    t = column(log.imu, "t")
+    if len(t) < 3 or not np.any(np.isfinite(column(log.imu, gyro))):
         return f"the log has no {gyro}"
     track = track_of(rows)
     t_h, heading, speed = track.t_v, track.heading, track.speed
@@ -247,7 +268,7 @@ def turn_comparison(
     near = (t_h[last] - t_h[first]) < 2.5 * lag * median_interval(t_h)
     used = near & (pace > slow)
     a, b = t_h[first][used], t_h[last][used]
-    angle = integral(t, rate)
+    angle = integral(log, gyro)
 
     def design(delay: Array) -> Array:
         turned = _at(b - delay, t, angle) - _at(a - delay, t, angle)
@@ -269,16 +290,14 @@ def speed_comparison(log: DriveLog, table: Literal["fixes", "reference"]) -> Com
         Observed: odometer speed in motion. Regressor: the other speed.
     """
     rows = log.fixes if table == "fixes" else log.reference
-    t, speed = column(log.odometer, "t"), column(log.odometer, "speed")
-    known = np.isfinite(speed)
-    if np.count_nonzero(known) < 3:
+    t, speed = _speeds(log, "odometer")
+    if len(t) < 3:
         return "the log has no odometer"
     if rows is None or len(rows) < 3:
         return f"the log has no {table}"
-    t, speed = t[known], speed[known]
     track = track_of(rows)
     longest = 2.5 * median_interval(track.t_v)
-    moving = (np.abs(speed) > 1.0) & (np.abs(speed) < 0.98 * np.max(np.abs(speed)) + 0.02)
+    moving = np.abs(speed) > 1.0
     t, speed = t[moving], speed[moving]
 
     def design(delay: Array) -> Array:
@@ -287,26 +306,31 @@ def speed_comparison(log: DriveLog, table: Literal["fixes", "reference"]) -> Com
     return Comparison(t=t, observed=speed, weight=np.ones(len(t)), design=design)
 
 
-def gain_comparison(log: DriveLog) -> Comparison | str:
-    """Lay the growth of the odometer's speed beside the integral of forward specific force.
+def gain_comparison(
+    log: DriveLog, table: Literal["odometer", "fixes"], *, along: str = "accel_y"
+) -> Comparison | str:
+    """Lay the growth of a speed beside the integral of forward specific force.
+
+    Args:
+        log: The log, in order.
+        table: Whose speed is observed.
+        along: Column of ``imu`` that is taken as the forward specific force.
 
     Returns:
         Observed: gain of speed over about a second. Regressors: integrated force, time.
     """
-    t, force = column(log.imu, "t"), column(log.imu, "accel_y")
-    if len(t) < 3 or not np.any(np.isfinite(force)):
-        return "the log has no forward accelerometer"
-    t_o, speed = column(log.odometer, "t"), column(log.odometer, "speed")
-    known = np.isfinite(speed)
-    if np.count_nonzero(known) < 3:
-        return "the log has no odometer"
-    t_o, speed = t_o[known], speed[known]
+    t = column(log.imu, "t")
+    if len(t) < 3 or not np.any(np.isfinite(column(log.imu, along))):
+        return f"the log has no {along}"
+    t_o, speed = _speeds(log, table)
+    if len(t_o) < 3:
+        return f"the log has no speeds of the {table}"
     lag = max(1, round(1.0 / median_interval(t_o)))
     a, b = t_o[:-lag], t_o[lag:]
     near = (b - a) < 2.5 * lag * median_interval(t_o)
     used = near & (np.maximum(np.abs(speed[:-lag]), np.abs(speed[lag:])) > 1.0)
     a, b = a[used], b[used]
-    velocity = integral(t, force)
+    velocity = integral(log, along)
 
     def design(delay: Array) -> Array:
         gained = _at(b - delay, t, velocity) - _at(a - delay, t, velocity)
@@ -321,6 +345,15 @@ def gain_comparison(log: DriveLog) -> Comparison | str:
     )
 
 
+def _speeds(log: DriveLog, table: Literal["odometer", "fixes"]) -> tuple[Array, Array]:
+    if table == "fixes":
+        track = track_of(log.fixes)
+        return track.t_v, track.speed
+    speed = column(log.odometer, "speed")
+    known = np.isfinite(speed)
+    return column(log.odometer, "t")[known], speed[known]
+
+
 def _at(when: Array, t: Array, x: Array) -> Array:
     return np.interp(when, t, x, left=np.nan, right=np.nan)
 
@@ -330,5 +363,5 @@ _COMPARISONS: dict[tuple[Stream, Stream], Callable[[DriveLog], Comparison | str]
     ("reference", "imu"): lambda log: turn_comparison(log, "reference"),
     ("odometer", "fixes"): lambda log: speed_comparison(log, "fixes"),
     ("odometer", "reference"): lambda log: speed_comparison(log, "reference"),
-    ("odometer", "imu"): gain_comparison,
+    ("odometer", "imu"): lambda log: gain_comparison(log, "odometer"),
 }

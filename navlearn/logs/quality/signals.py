@@ -79,13 +79,11 @@ def looks_like_degrees(table: pd.DataFrame) -> bool:
 
 
 def track_of(table: pd.DataFrame) -> Track:
-    """Return the track of a table with ``lat`` and ``lon``, in order and in radians."""
+    """Return the track of a table with ``lat`` and ``lon`` that is in order."""
     lat, lon = column(table, "lat"), column(table, "lon")
     placed = np.isfinite(lat) & np.isfinite(lon)
     rows = table[placed]
     t, lat, lon = column(rows, "t"), lat[placed], lon[placed]
-    if looks_like_degrees(table):
-        lat, lon = np.radians(lat), np.radians(lon)
     east, north = _steps(lat, lon, column(rows, "height"))
     v_e, v_n = column(rows, "v_e"), column(rows, "v_n")
     known = np.isfinite(v_e) & np.isfinite(v_n)
@@ -114,10 +112,17 @@ def _differenced(t: Array, east: Array, north: Array) -> tuple[Array, Array, Arr
     return middle[near], (east[1:] / dt)[near], (north[1:] / dt)[near]
 
 
-def integral(t: Array, rate: Array) -> Array:
-    """Return the running integral of samples that are means over the interval before them."""
+def integral(log: DriveLog, name: str) -> Array:
+    """Return the running integral of a channel of ``imu`` at its times, NaN taken as zero.
+
+    Steps where the metadata call the samples means over the interval before them, straight
+    lines between samples otherwise.
+    """
+    t, rate = column(log.imu, "t"), column(log.imu, name)
     filled = np.where(np.isfinite(rate), rate, 0.0)
-    return np.concatenate(([0.0], np.cumsum(np.diff(t) * filled[1:])))
+    steps = "imu" in log.metadata.interval_means
+    mean = filled[1:] if steps else 0.5 * (filled[1:] + filled[:-1])
+    return np.concatenate(([0.0], np.cumsum(np.diff(t) * mean)))
 
 
 def near_any(t: Array, marks: Array, margin: float) -> Mask:
@@ -131,6 +136,8 @@ def near_any(t: Array, marks: Array, margin: float) -> Mask:
 
 def standstill(log: DriveLog, *, margin: float = 2.0, speed: float = 0.05) -> Mask:
     """Tell for each IMU sample whether the car stood still, by odometer and by fixes.
+
+    Looks both ways in time, so it serves calibration, not a running filter.
 
     A sample counts as still when no sample of the odometer within a margin moves (the margin
     covers its latency and its step) and, where fixes carry velocities, none of them does.

@@ -1,6 +1,7 @@
 """Whether time runs as it should: rates, jitter, gaps, missing samples, steps back."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from navlearn.logs.drive_log import DriveLog
 from navlearn.logs.quality.findings import Part, Severity
@@ -73,6 +74,7 @@ def _measure(part: Part, name: str, t: Array) -> None:
     part.figures[f"{name}_interruptions"] = float(np.count_nonzero(missing))
     for index in np.flatnonzero((step > 2.5 * interval) & (step > 0.25)):
         part.gaps.append((name, float(t[index]), float(step[index])))
+    _note_missing_fixes(part, name, t, missing)
     warn, ruin = _LONG.get(name, (float("inf"), float("inf")))
     worst = int(np.argmax(step))
     if step[worst] > max(warn, 2.5 * interval):
@@ -86,6 +88,21 @@ def _measure(part: Part, name: str, t: Array) -> None:
             f"a sample every {interval:.3g} s",
             "cut the log there, or place outages elsewhere",
         )
+
+
+def _note_missing_fixes(part: Part, name: str, t: Array, missing: NDArray[np.int64]) -> None:
+    count = int(np.count_nonzero(missing))
+    if name != "fixes" or count == 0:
+        return
+    part.add(
+        "info",
+        "missing fixes",
+        f"fixes first at {t[int(np.flatnonzero(missing)[0])]:.2f} s",
+        f"{np.sum(missing)} fixes missing in {count} interruptions, "
+        f"{np.count_nonzero(missing == 1)} of them of a single fix",
+        "a fix at every interval",
+        "nothing for single ones; place no outage across long ones",
+    )
 
 
 def _check_overlap(part: Part, log: DriveLog) -> None:

@@ -20,6 +20,16 @@ def check_units(log: DriveLog) -> Part:
     return part
 
 
+def in_radians(log: DriveLog) -> DriveLog:
+    """Return the log with positions that are clearly in degrees turned into radians."""
+    turned = {
+        name: table.assign(lat=np.radians(table["lat"]), lon=np.radians(table["lon"]))
+        for name, table in log.tables().items()
+        if name in ("fixes", "reference") and looks_like_degrees(table)
+    }
+    return log.with_tables(turned)
+
+
 def _check_position(part: Part, log: DriveLog, name: str) -> None:
     table = log.tables()[name]
     lat, lon = column(table, "lat"), column(table, "lon")
