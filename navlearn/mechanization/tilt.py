@@ -48,7 +48,7 @@ class TiltOptions:
             )
         if not (math.isfinite(self.time_constant) and self.time_constant >= 0.0):
             raise ConfigError(
-                f"TiltOptions.time_constant: found {self.time_constant}; expected seconds, 0 or more"
+                f"TiltOptions.time_constant: found {self.time_constant}; expected 0 s or more"
             )
         if self.sections < 1:
             raise ConfigError(f"TiltOptions.sections: found {self.sections}; expected 1 or more")
