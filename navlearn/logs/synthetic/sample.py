@@ -11,7 +11,7 @@ from navlearn.logs.drive_log import DriveLog
 from navlearn.logs.formats.native import save_log
 from navlearn.logs.synthetic.simulate import SimulatedDrive, simulate_drive
 
-SEED = 7
+SEED = 5
 DURATION = 1980.0
 """s."""
 
