@@ -14,11 +14,14 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#8C6D31", "#7A5195")
-DASHES = ("-", "--", "-.", ":")
+Dash = str | tuple[float, tuple[float, ...]]
+
+PALETTE = ("#0072B2", "#D55E00", "#009E73", "#B5478D", "#E69F00", "#56B4E9", "#8C6D31", "#555555")
+DASHES: tuple[Dash, ...] = ("-", (0.0, (6.0, 1.8)), (0.0, (6.0, 1.5, 1.5, 1.5)), (0.0, (2.2, 1.0)))
 INK = "#333333"
 REFERENCE = "#000000"
 FIX = "#9AA5B1"
+ROAD = "#C3CAD2"
 DOTS_PER_INCH = 130
 
 
@@ -64,7 +67,7 @@ def save(figure: "Figure", path: Path) -> Path:
     return path
 
 
-def styles(methods: Iterable[str]) -> dict[str, tuple[str, str]]:
+def styles(methods: Iterable[str]) -> dict[str, tuple[str, Dash]]:
     """Return colour and dash of each method, the same in every figure of a run.
 
     Args:
@@ -73,6 +76,20 @@ def styles(methods: Iterable[str]) -> dict[str, tuple[str, str]]:
     return {
         name: (PALETTE[k % len(PALETTE)], DASHES[k % len(DASHES)]) for k, name in enumerate(methods)
     }
+
+
+def logarithmic(axes: "Axes") -> None:
+    """Make the horizontal axis logarithmic, labelled with plain numbers.
+
+    Args:
+        axes: The axes.
+    """
+    from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+
+    axes.set_xscale("log")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axes.xaxis.set_minor_formatter(NullFormatter())
 
 
 def tidy(axes: "Axes", xlabel: str = "", ylabel: str = "") -> None:

@@ -251,4 +251,4 @@ def _number(value: object, digits: int = 2) -> str:
 
 
 def _signed(value: float) -> str:
-    return f"{value:+.1f}" if math.isfinite(value) else "–"
+    return f"{value:+.1f}".replace("-", "−") if math.isfinite(value) else "–"

@@ -5,14 +5,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from navlearn.outages.canvas import plots_possible
+from navlearn.outages.maps import Scene, plot_drifts, plot_track
 from navlearn.outages.output import OutputFolder
-from navlearn.outages.plots import (
-    Scene,
-    plot_distribution,
-    plot_error_growth,
-    plot_outage_maps,
-    plot_track,
-)
+from navlearn.outages.plots import plot_distribution, plot_error_growth
 from navlearn.outages.report import write_report
 from navlearn.outages.run_summary import RunSummary
 from navlearn.outages.tables import write_outages_csv, write_summary_json
@@ -72,7 +67,9 @@ def write_figures(
         ending = f"_{number}.png" if len(scenes) > 1 else ".png"
         name = scene.log.metadata.name
         plot_track(output.claim("track" + ending), scene)
-        plot_outage_maps(output.claim("outages" + ending), scene)
+        plot_drifts(output.claim("drifts" + ending), scene)
         captions["track" + ending] = f"Track of {name} with the outages and each method's drift."
-        captions["outages" + ending] = f"Every outage of {name}, seen from above."
+        captions["drifts" + ending] = (
+            f"Drift of each method through the outages of {name}, seen from where the car is."
+        )
     return captions

@@ -19,6 +19,7 @@ def meaning(summary: RunSummary) -> list[str]:
         lines += [
             sentence(name, baseline, found)
             for name, found in comparisons(summary, baseline).items()
+            if name not in baselines[: baselines.index(baseline)]
         ]
     if not baselines:
         lines.append("No baseline was run, so nothing can be said about improvement.")
@@ -38,11 +39,14 @@ def sentence(method: str, baseline: str, found: Comparison) -> str:
         return f"**{method}** and **{baseline}** share no outage in which both have a figure."
     size = abs(found.improvement_percent)
     way = "smaller" if found.improvement_percent >= 0.0 else "larger"
-    interval = f"95 % interval {found.low_percent:+.0f} to {found.high_percent:+.0f} %"
-    head = f"Against **{baseline}**, **{method}** has a mean error {size:.0f} % {way} ({interval})"
+    head = (
+        f"Against **{baseline}**, the mean error of **{method}** is {size:.0f} % {way} "
+        f"(improvement {percent(found.improvement_percent)}, 95 % interval "
+        f"{percent(found.low_percent)} to {percent(found.high_percent)})"
+    )
     tail = (
-        f" It was better in {found.wins} of {found.pairs} outages and made {found.harm_count} "
-        "worse by more than 10 %."
+        f" It was better in {found.wins} of {found.pairs} outages and more than 10 % worse in "
+        f"{found.harm_count}."
     )
     if found.verdict == "helps":
         return f"{head}: it helps in these outages.{tail}"
@@ -53,6 +57,16 @@ def sentence(method: str, baseline: str, found: Comparison) -> str:
     else:
         why = "the interval includes zero, so the difference may be chance"
     return f"{head}: no evidence that it helps or harms, because {why}.{tail}"
+
+
+def percent(value: float) -> str:
+    """Return a signed figure in percent, with a true minus sign.
+
+    Args:
+        value: Percent.
+    """
+    digits = 0 if abs(value) >= 1.0 else 1
+    return f"{value:+.{digits}f} %".replace("-", "−")
 
 
 def _best(summary: RunSummary) -> str:
