@@ -1,0 +1,153 @@
+"""Which measurements are believed: the χ² gate on each kind's innovation, and its reset."""
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from navlearn.filters.ekf import symmetrized
+from navlearn.fusion.filter_model import FilterModel
+from navlearn.fusion.measurements import Kind, Verdict
+from navlearn.fusion.updates import Measured
+
+
+class Judged(NamedTuple):
+    """What the gate says, per kind.
+
+    Attributes:
+        nis: Normalised innovation squared, NaN where nothing is measured, shape (..., 5).
+        verdict: Codes of :class:`navlearn.fusion.measurements.Verdict`, int64, shape (..., 5).
+        refused: Consecutive refusals so far, shape (..., 5).
+    """
+
+    nis: Tensor
+    verdict: Tensor
+    refused: Tensor
+
+
+def nis_by_kind(
+    model: FilterModel, measured: Measured, innovation: Tensor, covariance: Tensor
+) -> Tensor:
+    """Return the NIS of each kind against the prediction.
+
+    Args:
+        model: The filter.
+        measured: What is measured, shape (...).
+        innovation: Measured minus predicted, shape (..., r).
+        covariance: Covariance of the prediction, shape (..., n, n).
+
+    Returns:
+        NIS, zero where nothing is measured, shape (..., 5).
+    """
+    owner = _owner(model, innovation)
+    H = measured.observation
+    spread = symmetrized(H @ covariance @ H.transpose(-1, -2)) * (owner @ owner.T)
+    factor = torch.linalg.cholesky_ex(spread + torch.diag_embed(measured.variance))[0]
+    white = torch.linalg.solve_triangular(factor, innovation.unsqueeze(-1), upper=False)
+    return (white * white).squeeze(-1) @ owner
+
+
+def _owner(model: FilterModel, like: Tensor) -> Tensor:
+    eye = torch.eye(len(Kind), dtype=like.dtype, device=like.device)
+    return model.rows.spread(eye).T
+
+
+def limits_by_kind(model: FilterModel, like: Tensor) -> Tensor:
+    """Return the largest NIS that passes, per kind.
+
+    Args:
+        model: The filter.
+        like: Any tensor of the dtype and device wanted.
+
+    Returns:
+        Limits, infinite for kinds not taken, shape (5,).
+    """
+    limits = like.new_full((len(Kind),), float("inf"))
+    for kind, limit in zip(model.rows.kinds, model.limits, strict=True):
+        limits[kind] = limit
+    return limits
+
+
+def judged(model: FilterModel, nis: Tensor, present: Tensor, refused: Tensor) -> Judged:
+    """Return which kinds pass the gate at one time.
+
+    Args:
+        model: The filter.
+        nis: NIS of each kind, shape (..., 5).
+        present: 1.0 where a kind is measured, shape (..., 5).
+        refused: Consecutive refusals before, shape (..., 5).
+
+    Returns:
+        Verdicts and the refusals afterwards.
+    """
+    nis, there = nis.detach(), present > 0.5
+    beyond = there & ~(nis <= limits_by_kind(model, nis))
+    reset = beyond & (refused >= model.options.gate.reset_after)
+    gate = beyond & ~reset
+    verdict = there.to(torch.int64) * int(Verdict.ACCEPTED)
+    verdict = torch.where(gate, int(Verdict.REFUSED_BY_GATE), verdict)
+    verdict = torch.where(reset, int(Verdict.ACCEPTED_BY_RESET), verdict)
+    count = torch.where(gate, refused + 1.0, torch.where(there, 0.0, refused))
+    return Judged(torch.where(there, nis, torch.nan), verdict, count)
+
+
+def taken(model: FilterModel, measured: Measured, verdict: Tensor) -> Measured:
+    """Return measurements with the refused ones blanked out.
+
+    Args:
+        model: The filter.
+        measured: What is measured, shape (...).
+        verdict: Verdict per kind, shape (..., 5).
+
+    Returns:
+        Measurements whose refused rows are zero with unit variance.
+    """
+    fine = (verdict == int(Verdict.ACCEPTED)) | (verdict == int(Verdict.ACCEPTED_BY_RESET))
+    keep = model.rows.spread(fine)
+    return Measured(
+        torch.where(keep, measured.innovation, 0.0),
+        torch.where(keep.unsqueeze(-1), measured.observation, 0.0),
+        torch.where(keep, measured.variance, 1.0),
+        measured.present,
+    )
+
+
+def opened(model: FilterModel, verdict: Tensor, measured: Measured, innovation: Tensor) -> Tensor:
+    """Return the variance added where the gate resets.
+
+    The states that a kind observes get their innovation squared; azimuth, through which a car
+    drifts, gets ``reset_azimuth``.
+
+    Args:
+        model: The filter.
+        verdict: Verdict per kind, shape (..., 5).
+        measured: What is measured, shape (...).
+        innovation: Measured minus predicted, shape (..., r).
+
+    Returns:
+        Diagonal of a covariance, shape (..., n).
+    """
+    layout = model.layout
+    reset = (verdict == int(Verdict.ACCEPTED_BY_RESET)).to(innovation)
+    square = (innovation * innovation).detach() * model.rows.spread(reset)
+    extra = [torch.zeros_like(innovation[..., 0])] * layout.size
+    azimuth = model.options.gate.reset_azimuth**2
+    for kind in model.rows.kinds:
+        rows = model.rows.of(kind)
+        if rows is None:
+            continue
+        part = square[..., rows]
+        if kind == Kind.POSITION:
+            extra[:3] = [extra[i] + part[..., i] for i in range(3)]
+        if kind in (Kind.VELOCITY, Kind.ZERO_SPEED) and layout.has_velocity:
+            extra[3:6] = [extra[3 + i] + part[..., i] for i in range(3)]
+        if kind in (Kind.POSITION, Kind.VELOCITY, Kind.COURSE):
+            extra[layout.azimuth] = extra[layout.azimuth] + azimuth * reset[..., kind]
+        if kind == Kind.ZERO_YAW_RATE:
+            H = measured.observation[..., rows.start, :]
+            weight = H * H / (H * H).sum(-1, keepdim=True).clamp(min=1e-12)
+            extra = [
+                x + w * part[..., 0] / h.square().clamp(min=1e-6)
+                for x, w, h in zip(extra, weight.unbind(-1), H.unbind(-1), strict=True)
+            ]
+    return torch.stack(extra, -1)

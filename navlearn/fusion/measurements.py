@@ -1,0 +1,104 @@
+"""The kinds of measurement a filter takes, and the rows each has.
+
+Rows of all kinds stand together in one vector of fixed length. A measurement that is not there
+has a zero row in H, a zero innovation and unit variance.
+"""
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import torch
+from torch import Tensor
+
+from navlearn.fusion.options import EkfOptions
+
+
+class Kind(IntEnum):
+    """Kinds of measurement, in the order of every per-kind axis."""
+
+    POSITION = 0
+    VELOCITY = 1
+    COURSE = 2
+    ZERO_YAW_RATE = 3
+    ZERO_SPEED = 4
+
+
+class Verdict(IntEnum):
+    """What became of a measurement."""
+
+    ABSENT = 0
+    ACCEPTED = 1
+    REFUSED_BY_GATE = 2
+    ACCEPTED_BY_RESET = 3
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Which rows of the measurement vector belong to which kind.
+
+    Attributes:
+        kinds: Kinds that the filter takes, in the order of their rows.
+        first: First row of each kind taken.
+        count: Number of rows of each kind taken.
+    """
+
+    kinds: tuple[Kind, ...]
+    first: tuple[int, ...]
+    count: tuple[int, ...]
+
+    @property
+    def size(self) -> int:
+        """Length r of the measurement vector."""
+        return sum(self.count)
+
+    def of(self, kind: Kind) -> slice | None:
+        """Return the rows of a kind, or None where the filter does not take it."""
+        if kind not in self.kinds:
+            return None
+        k = self.kinds.index(kind)
+        return slice(self.first[k], self.first[k] + self.count[k])
+
+    def spread(self, per_kind: Tensor) -> Tensor:
+        """Return values per kind repeated for each row.
+
+        Args:
+            per_kind: Shape (..., 5).
+
+        Returns:
+            Shape (..., r).
+        """
+        owner = [
+            int(kind) for kind, n in zip(self.kinds, self.count, strict=True) for _ in range(n)
+        ]
+        return per_kind[..., torch.tensor(owner, dtype=torch.int64, device=per_kind.device)]
+
+
+def measurement_rows(options: EkfOptions) -> Rows:
+    """Return the rows that a filter's measurements take.
+
+    Velocity has a vertical row only where something vertical can answer for it: a pitch bias or
+    a velocity state.
+
+    Args:
+        options: Choices of the filter.
+
+    Returns:
+        Rows.
+    """
+    vertical = options.has_pitch_state or options.has_velocity_states
+    gyro = len(options.gyro_states) > 0
+    wanted = (
+        (Kind.POSITION, options.position, 3),
+        (Kind.VELOCITY, options.velocity, 3 if vertical else 2),
+        (Kind.COURSE, options.course, 1),
+        (Kind.ZERO_YAW_RATE, options.zero_yaw_rate and gyro, 1),
+        (Kind.ZERO_SPEED, options.zero_speed and options.has_velocity_states, 3),
+    )
+    kinds, first, count, row = [], [], [], 0
+    for kind, used, n in wanted:
+        if used:
+            kinds.append(kind)
+            first.append(row)
+            count.append(n)
+            row += n
+    return Rows(tuple(kinds), tuple(first), tuple(count))

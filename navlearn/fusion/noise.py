@@ -1,0 +1,58 @@
+"""Noise densities and deviations as tensors, so that they can be learned through the filter."""
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from navlearn.fusion.options import NoiseOptions
+
+
+class EkfNoise(NamedTuple):
+    """The entries of :class:`navlearn.fusion.options.NoiseOptions`, one tensor of shape () each.
+
+    Meaning and units are told there.
+    """
+
+    gyro_random_walk: Tensor
+    turn_noise: Tensor
+    gyro_bias_walk: Tensor
+    speed_scale_walk: Tensor
+    pitch_bias_walk: Tensor
+    position_walk: Tensor
+    height_walk: Tensor
+    velocity_walk: Tensor
+    acceleration_walk: Tensor
+    position_floor: Tensor
+    height_floor: Tensor
+    position_inflation: Tensor
+    velocity_floor: Tensor
+    velocity_inflation: Tensor
+    speed_noise: Tensor
+    zero_yaw_rate: Tensor
+    zero_speed: Tensor
+
+
+def log_noise(options: NoiseOptions) -> Tensor:
+    """Return the logarithms of all noise entries, what an optimiser moves.
+
+    Args:
+        options: Noise densities and deviations.
+
+    Returns:
+        Logarithms in the order of :class:`EkfNoise`, −inf for zero, shape (17,).
+    """
+    values = [getattr(options, name) for name in EkfNoise._fields]
+    return torch.log(torch.tensor(values, dtype=torch.float64))
+
+
+def noise_from_log(log: Tensor) -> EkfNoise:
+    """Return the noise entries of their logarithms.
+
+    Args:
+        log: As :func:`log_noise` returns, shape (17,).
+
+    Returns:
+        Noise entries.
+    """
+    return EkfNoise(*torch.exp(log).unbind(-1))

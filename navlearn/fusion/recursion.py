@@ -1,0 +1,301 @@
+"""The filter as a loop over blocks: predict one, update at its end, feed back, go on.
+
+One loop serves the closed and the open filter. It carries the point at which the model is
+linearised, the estimate's deviation from it, and the covariance. Closed: the deviation is fed
+back into the point after every update, so it is zero between updates. Open: the point is the
+mechanization running free, and the deviation is minus its estimated error.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from navlearn.filters.belief import Belief
+from navlearn.filters.ekf import propagated, update
+from navlearn.fusion.block_motion import BlockMotion
+from navlearn.fusion.filter_model import FilterModel, Prediction, fed_back, predict_blocks
+from navlearn.fusion.gating import Judged, judged, nis_by_kind, opened, taken
+from navlearn.fusion.history import FilterHistory
+from navlearn.fusion.measurements import Verdict
+from navlearn.fusion.noise import EkfNoise
+from navlearn.fusion.shen_transition import OffsetMotion
+from navlearn.fusion.timeline import Timeline, trajectory_of_blocks
+from navlearn.fusion.updates import Occasion, measured
+from navlearn.states import NavState, RissSample, Trajectory
+
+
+class Carried(NamedTuple):
+    """What the loop carries from block to block.
+
+    Attributes:
+        point: Where the model is linearised, with the covariance, batch shape (B,).
+        deviation: Estimate minus point, shape (B, n).
+    """
+
+    point: Belief
+    deviation: Tensor
+
+
+class Ended(NamedTuple):
+    """One block's end.
+
+    Attributes:
+        prior: Belief before the update.
+        belief: Belief after it.
+        innovation: Measured minus predicted, shape (B, r).
+        judged: What the gate said.
+        deviation: Estimate minus free mechanization, shape (B, n); zero in a closed loop.
+    """
+
+    prior: Belief
+    belief: Belief
+    innovation: Tensor
+    judged: Judged
+    deviation: Tensor
+
+
+PredictBlock = Callable[
+    [FilterModel, Carried, RissSample, Tensor, EkfNoise], tuple[Carried, Trajectory | None]
+]
+
+
+def predict_composed(
+    model: FilterModel,
+    carried: Carried,
+    samples: RissSample,
+    acceleration: Tensor,
+    noise: EkfNoise,
+) -> tuple[Carried, Trajectory | None]:
+    """Predict one block, all its samples at once.
+
+    Args:
+        model: The filter.
+        carried: At the start of the block.
+        samples: Samples of the block, shape (B, n) each.
+        acceleration: Forward acceleration by the odometer, m/s², shape (B, n).
+        noise: Noise densities.
+
+    Returns:
+        What is carried to the block's end; the trajectory inside is left to a later pass.
+    """
+    point = carried.point
+    ahead = predict_blocks(model, point, samples, acceleration, noise)
+    transition, q = ahead.linearised
+    moved = point._replace(
+        state=ahead.state,
+        sensor=ahead.sensor,
+        velocity_offset=ahead.velocity_offset,
+        covariance=propagated(point.covariance, transition, q),
+    )
+    deviation = carried.deviation
+    if not model.closed:
+        deviation = (transition @ deviation.unsqueeze(-1)).squeeze(-1)
+    return Carried(moved, deviation), None
+
+
+def end_block(
+    model: FilterModel, carried: Carried, occasion: Occasion, noise: EkfNoise
+) -> tuple[Carried, Ended]:
+    """Update at the end of a block.
+
+    Args:
+        model: The filter.
+        carried: Prediction at the block's end.
+        occasion: What there is to measure, shape (B,) each.
+        noise: Deviations of measurements.
+
+    Returns:
+        What is carried on, and the record of this end.
+    """
+    point, deviation = carried
+    prior = point if model.closed else fed_back(model, point, deviation, occasion.end)
+    found = measured(model.measurement, point, occasion, noise)
+    innovation = found.innovation
+    if not model.closed:
+        innovation = innovation - (found.observation @ deviation.unsqueeze(-1)).squeeze(-1)
+    nis = nis_by_kind(model, found, innovation, point.covariance)
+    verdict = judged(model, nis, found.present, point.refused)
+    used = taken(model, found._replace(innovation=innovation), verdict.verdict)
+    covariance = point.covariance
+    if bool((verdict.verdict == int(Verdict.ACCEPTED_BY_RESET)).any()):
+        covariance = covariance + torch.diag_embed(
+            opened(model, verdict.verdict, found, innovation)
+        )
+    new = update(covariance, used.observation, used.variance, used.innovation)
+    point = point._replace(covariance=new.covariance, refused=verdict.refused)
+    there = model.rows.spread(found.present) > 0.5
+    shown = torch.where(there, innovation, torch.nan)
+    if model.closed:
+        belief = fed_back(model, point, new.correction, occasion.end)
+        return Carried(belief, deviation), Ended(prior, belief, shown, verdict, deviation)
+    deviation = deviation + new.correction
+    belief = fed_back(model, point, deviation, occasion.end)
+    return Carried(point, deviation), Ended(prior, belief, shown, verdict, deviation)
+
+
+def run_loop(
+    model: FilterModel,
+    start: Belief,
+    line: Timeline,
+    noise: EkfNoise,
+    predict: PredictBlock,
+    method: str,
+) -> FilterHistory:
+    """Run the filter block after block.
+
+    Args:
+        model: The filter.
+        start: Belief before the first sample, batch shape (B,).
+        line: The drives in blocks.
+        noise: Noise densities and deviations.
+        predict: How a block is predicted.
+        method: Name of that, for the record.
+
+    Returns:
+        History.
+    """
+    # unbind: indexing inside the loop would make the backward pass quadratic in K
+    samples = zip(*(channel.unbind(1) for channel in line.samples), strict=True)
+    acceleration = line.acceleration.unbind(1)
+    occasions = _occasions(line.occasion)
+    carried = Carried(start, torch.zeros_like(start.covariance[..., 0]))
+    ends: list[Ended] = []
+    inside: list[Trajectory] = []
+    for k, block in enumerate(samples):
+        carried, path = predict(model, carried, RissSample(*block), acceleration[k], noise)
+        if path is not None:
+            inside.append(path)
+        carried, ended = end_block(model, carried, occasions[k], noise)
+        ends.append(ended)
+    record = Ended(*(_stacked([e[i] for e in ends]) for i in range(5)))
+    if inside:
+        path = Trajectory(*(torch.stack(list(c), 1) for c in zip(*inside, strict=True)))
+    else:
+        path = path_in_blocks(model, start, record.belief, line, noise)
+    return history(line, record, path, method, 1)
+
+
+def history(
+    line: Timeline, record: Ended, path: Trajectory, method: str, passes: int
+) -> FilterHistory:
+    """Return the history of a run.
+
+    Args:
+        line: The drives in blocks.
+        record: Every block's end, batch shape (B, K).
+        path: Prediction inside blocks, shape (B, K, n) each.
+        method: Form that computed it.
+        passes: Passes it took.
+
+    Returns:
+        History.
+    """
+    resets = (record.judged.verdict == int(Verdict.ACCEPTED_BY_RESET)).sum(1)
+    return FilterHistory(
+        line.blocks.end,
+        line.blocks.fix,
+        record.prior,
+        record.belief,
+        trajectory_of_blocks(line, path, record.belief.state),
+        record.innovation,
+        record.judged.nis,
+        record.judged.verdict,
+        resets,
+        -record.deviation,
+        method,
+        passes,
+    )
+
+
+def starts_of_blocks(start: Belief, after: Belief) -> Belief:
+    """Return the beliefs with which blocks start, from those with which they ended.
+
+    Args:
+        start: Belief before the first block, batch shape (B,).
+        after: Belief after each block, batch shape (B, K).
+
+    Returns:
+        Beliefs, batch shape (B, K).
+    """
+
+    def shift(first: Tensor, rest: Tensor) -> Tensor:
+        return torch.cat((first.unsqueeze(1), rest[:, :-1]), 1)
+
+    state = NavState(*(shift(a, b) for a, b in zip(start.state, after.state, strict=True)))
+    others = (shift(a, b) for a, b in zip(start[1:], after[1:], strict=True))
+    return Belief(state, *others)
+
+
+def path_in_blocks(
+    model: FilterModel, start: Belief, after: Belief, line: Timeline, noise: EkfNoise
+) -> Trajectory:
+    """Return the predicted path inside all blocks, from the beliefs at their starts.
+
+    Args:
+        model: The filter.
+        start: Belief before the first block, batch shape (B,).
+        after: Belief after each block, batch shape (B, K).
+        line: The drives in blocks.
+        noise: Noise densities.
+
+    Returns:
+        Trajectory, shape (B, K, n) each.
+    """
+    begin = starts_of_blocks(start, after)
+    ahead = predict_blocks(model, begin, line.samples, line.acceleration, noise)
+    return path_of_prediction(begin.state, ahead)
+
+
+def path_of_prediction(begin: NavState, ahead: Prediction) -> Trajectory:
+    """Return the path inside blocks of their prediction.
+
+    Args:
+        begin: State at the start of each block, shape (...) each.
+        ahead: Prediction from there.
+
+    Returns:
+        Trajectory, shape (..., n) each.
+    """
+    moved: BlockMotion = ahead.moved
+    east, north, up = (torch.cumsum(way, -1) for way in (moved.east, moved.north, moved.up))
+    motion = moved.motion
+    v_e, v_n, v_u = motion.v_h * moved.sine, motion.v_h * moved.cosine, motion.v_u
+    offset: OffsetMotion | None = ahead.offset
+    if offset is not None:
+        more = offset.way.unbind(-1)
+        east, north, up = east + more[0], north + more[1], up + more[2]
+        extra = ahead.velocity_offset.unsqueeze(-2).unbind(-1)
+        v_e, v_n, v_u = v_e + extra[0], v_n + extra[1], v_u + extra[2]
+    lat = begin.lat.unsqueeze(-1) + north * moved.per_lat.unsqueeze(-1)
+    lon = begin.lon.unsqueeze(-1) + east * moved.per_lon.unsqueeze(-1)
+    height = begin.height.unsqueeze(-1) + up
+    azimuth = begin.azimuth.unsqueeze(-1) + torch.cumsum(moved.turn, -1)
+    return Trajectory(lat, lon, height, azimuth, v_e, v_n, v_u)
+
+
+def _occasions(occasion: Occasion) -> list[Occasion]:
+    leaves: list[list[Tensor]] = []
+
+    def split(value: object) -> object:
+        if isinstance(value, Tensor):
+            leaves.append(list(value.unbind(1)))
+            return len(leaves) - 1
+        return type(value)(*(split(x) for x in value))  # type: ignore[attr-defined, call-arg]
+
+    tree = split(occasion)
+
+    def at(node: object, k: int) -> object:
+        if isinstance(node, int):
+            return leaves[node][k]
+        return type(node)(*(at(x, k) for x in node))  # type: ignore[attr-defined, call-arg]
+
+    return [at(tree, k) for k in range(len(leaves[0]))]  # type: ignore[misc]
+
+
+def _stacked(items: list[object]) -> object:
+    if isinstance(items[0], Tensor):
+        return torch.stack(items, 1)  # type: ignore[arg-type]
+    columns = zip(*items, strict=True)  # type: ignore[arg-type]
+    return type(items[0])(*(_stacked(list(column)) for column in columns))

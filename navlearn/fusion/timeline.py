@@ -1,0 +1,91 @@
+"""A batch of drives laid out in blocks, with what is measured at the end of each."""
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from navlearn.fusion.blocks import Blocks, cut, gathered, samples_in_blocks
+from navlearn.fusion.filter_model import FilterModel
+from navlearn.fusion.ground_velocity import BlockEnd
+from navlearn.fusion.sensor_errors import odometer_acceleration
+from navlearn.fusion.standstill import rest_at_end
+from navlearn.fusion.updates import Occasion
+from navlearn.states import FixTiming, GnssFix, NavState, RissSample, Trajectory
+
+
+class Timeline(NamedTuple):
+    """Drives in blocks.
+
+    Attributes:
+        blocks: Where the blocks are.
+        samples: Samples, shape (B, K, n) each.
+        acceleration: Forward acceleration by the odometer, m/s², shape (B, K, n).
+        occasion: What there is to measure at the end of each block, shape (B, K) each.
+    """
+
+    blocks: Blocks
+    samples: RissSample
+    acceleration: Tensor
+    occasion: Occasion
+
+
+def timeline(
+    model: FilterModel, samples: RissSample, fixes: GnssFix, timing: FixTiming
+) -> Timeline:
+    """Return drives laid out in blocks.
+
+    Args:
+        model: The filter.
+        samples: Samples, shape (B, T) each.
+        fixes: Fixes, shape (B, M) each, M >= 1.
+        timing: Where they fall, shape (B, M) each.
+
+    Returns:
+        Timeline.
+    """
+    blocks = cut(samples.dt, timing.index, model.options.max_block)
+    laid = samples_in_blocks(samples, blocks)
+    if "delay" in model.errors.speed_terms or model.layout.has_velocity:
+        acceleration = odometer_acceleration(samples.dt, samples.speed)
+        laid_acceleration = gathered(acceleration, blocks.gather)
+        last_acceleration = gathered(acceleration, blocks.end)
+    else:
+        laid_acceleration = torch.zeros_like(laid.dt)
+        last_acceleration = laid_acceleration[..., 0]
+    chosen = blocks.fix.clamp(min=0)
+    there = (blocks.fix >= 0).to(samples.dt)
+    fix = GnssFix(*(gathered(channel, chosen) for channel in fixes))
+    fix = fix._replace(has_position=fix.has_position * there, has_velocity=fix.has_velocity * there)
+    last = RissSample(*(gathered(channel, blocks.end) for channel in samples))
+    occasion = Occasion(
+        fix,
+        gathered(timing.delay, chosen) * there,
+        BlockEnd(last, last_acceleration),
+        rest_at_end(model.errors, laid),
+    )
+    return Timeline(blocks, laid, laid_acceleration, occasion)
+
+
+def trajectory_of_blocks(line: Timeline, inside: Trajectory, after: NavState) -> Trajectory:
+    """Return the full-rate trajectory of what happened inside blocks.
+
+    Args:
+        line: The timeline.
+        inside: Prediction at every place of every block, shape (B, K, n) each.
+        after: State after the update at each block's end, shape (B, K) each.
+
+    Returns:
+        Trajectory, shape (B, T) each.
+    """
+    blocks = line.blocks
+    flat = Trajectory(*(gathered(channel.flatten(1), blocks.place) for channel in inside))
+    # where several blocks end at one sample only the last may receive a gradient
+    last = blocks.closes > 0.5
+    final = torch.where(last, torch.arange(last.shape[1], device=last.device), last.shape[1])
+    final = torch.flip(torch.cummin(torch.flip(final, (1,)), 1).values, (1,))
+    corrected = []
+    for channel, values in zip(flat[:4], after, strict=True):
+        value = torch.where(last, values, torch.gather(values, 1, final).detach())
+        corrected.append(torch.scatter(channel, 1, blocks.end, value))
+    return Trajectory(*corrected, *flat[4:])

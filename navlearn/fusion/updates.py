@@ -1,0 +1,298 @@
+"""What is measured at the end of a block: innovation, H and R, for every kind at once.
+
+H is the derivative of the predicted measurement by the estimate (the error with its sign), so a
+correction K ν is added. Sources: [Noureldin2013] §8.3 for position and velocity with a lever
+arm; standstill as in `error models`: the mean gyro rate is Earth rate plus the gyro's errors.
+"""
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from navlearn.attitude import matrix_from_angles, wrap_angle
+from navlearn.filters.belief import Belief
+from navlearn.fusion.error_state import ErrorLayout, position_difference
+from navlearn.fusion.ground_velocity import BlockEnd, Odometry, ground_velocity, odometry
+from navlearn.fusion.measurements import Kind, Rows
+from navlearn.fusion.noise import EkfNoise
+from navlearn.fusion.sensor_errors import SensorErrors
+from navlearn.fusion.standstill import Rest
+from navlearn.states import GnssFix, NavState
+
+
+class Occasion(NamedTuple):
+    """What there is to measure at the end of a block, shape (...) each.
+
+    Attributes:
+        fix: GNSS solution; ``has_position`` and ``has_velocity`` are 0 where none is.
+        delay: End of the block minus the fix's time, s.
+        end: Last sample of the block.
+        rest: Standstill at the block's end.
+    """
+
+    fix: GnssFix
+    delay: Tensor
+    end: BlockEnd
+    rest: Rest
+
+
+class Measured(NamedTuple):
+    """Innovations of all kinds.
+
+    Attributes:
+        innovation: Measured minus predicted, shape (..., r).
+        observation: H, shape (..., r, n).
+        variance: Diagonal of R, shape (..., r).
+        present: 1.0 where a kind is measured, shape (..., 5).
+    """
+
+    innovation: Tensor
+    observation: Tensor
+    variance: Tensor
+    present: Tensor
+
+
+class MeasurementModel(NamedTuple):
+    """All that the measurement functions need to know of a filter.
+
+    Attributes:
+        errors: Sensor parameters.
+        layout: Order of the error states.
+        rows: Rows of each kind.
+        lever_arm: Antenna from the navigating point, body RFU, m, or None.
+        earth_rate: Rotation rate of the Earth that the gyro senses, rad/s.
+        course_speed: Slowest speed at which course is used, m/s.
+        standstill: Shortest standstill that observes the gyro, s.
+    """
+
+    errors: SensorErrors
+    layout: ErrorLayout
+    rows: Rows
+    lever_arm: tuple[float, float, float] | None
+    earth_rate: float
+    course_speed: float
+    standstill: float
+
+
+class _Part(NamedTuple):
+    innovation: Tensor
+    observation: Tensor
+    variance: Tensor
+    present: Tensor
+
+
+def measured(
+    model: MeasurementModel, belief: Belief, occasion: Occasion, noise: EkfNoise
+) -> Measured:
+    """Return innovation, H and R of all that is measured at the end of blocks.
+
+    Args:
+        model: What the filter measures.
+        belief: Prediction at the end of each block, shape (...).
+        occasion: What there is to measure, shape (...).
+        noise: Deviations of measurements.
+
+    Returns:
+        Innovations of all kinds.
+    """
+    told = odometry(model.errors, occasion.end, belief.sensor)
+    arm = _arm(model, belief, occasion, told)
+    build = {
+        Kind.POSITION: _position,
+        Kind.VELOCITY: _velocity,
+        Kind.COURSE: _course,
+        Kind.ZERO_YAW_RATE: _zero_yaw_rate,
+        Kind.ZERO_SPEED: _zero_speed,
+    }
+    zero = torch.zeros_like(belief.state.lat)
+    present = [zero] * len(Kind)
+    innovations, observations, variances = [], [], []
+    for kind in model.rows.kinds:
+        part = build[kind](model, belief, occasion, told, arm, noise)
+        there = (part.present > 0.5).unsqueeze(-1)
+        innovations.append(torch.where(there, part.innovation, 0.0))
+        variances.append(torch.where(there, part.variance, 1.0))
+        observations.append(torch.where(there.unsqueeze(-1), part.observation, 0.0))
+        present[kind] = part.present
+    return Measured(
+        torch.cat(innovations, -1),
+        torch.cat(observations, -2),
+        torch.cat(variances, -1),
+        torch.stack(present, -1),
+    )
+
+
+class _Arm(NamedTuple):
+    """Lever arm in ENU (..., 3), and its changes per azimuth and per pitch bias (..., 3)."""
+
+    arm: Tensor
+    by_azimuth: Tensor
+    by_pitch_bias: Tensor
+
+
+def _arm(
+    model: MeasurementModel, belief: Belief, occasion: Occasion, told: Odometry
+) -> _Arm | None:
+    if model.lever_arm is None:
+        return None
+    sample, azimuth = occasion.end.sample, belief.state.azimuth
+    zero = torch.zeros_like(azimuth)
+    pitch, roll = zero, zero
+    if model.errors.three_d:
+        pitch, roll = sample.pitch, sample.roll
+        if model.errors.pitch_bias:
+            pitch = pitch - belief.sensor[..., -1]
+    C_lb = matrix_from_angles(azimuth, pitch, roll)
+    arm = C_lb @ torch.tensor(model.lever_arm, dtype=zero.dtype, device=zero.device)
+    e, n, u = arm.unbind(-1)
+    sine, cosine = torch.sin(azimuth), torch.cos(azimuth)
+    ahead = e * sine + n * cosine
+    return _Arm(
+        arm, torch.stack((n, -e, zero), -1), torch.stack((u * sine, u * cosine, -ahead), -1)
+    )
+
+
+def _position(
+    model: MeasurementModel,
+    belief: Belief,
+    occasion: Occasion,
+    told: Odometry,
+    arm: _Arm | None,
+    noise: EkfNoise,
+) -> _Part:
+    fix, lag = occasion.fix, occasion.delay
+    moved = ground_velocity(
+        model.errors, told, belief.state.azimuth, belief.velocity_offset, 0.5 * lag
+    )
+    at = NavState(fix.lat, fix.lon, fix.height, belief.state.azimuth)
+    back = lag.unsqueeze(-1)
+    innovation = position_difference(at, belief.state) + back * moved.velocity
+    unit = torch.eye(3, dtype=back.dtype, device=back.device)
+    n = model.layout.size
+    observation = torch.nn.functional.pad(unit, (0, n - 3)) - back.unsqueeze(-1) * moved.by_error
+    if arm is not None:
+        innovation = innovation - arm.arm
+        observation = observation + _arm_columns(model, arm)
+    sigma = torch.stack((fix.std_e, fix.std_n, fix.std_u), -1) * noise.position_inflation
+    floor = torch.stack((noise.position_floor, noise.position_floor, noise.height_floor))
+    return _Part(innovation, observation, sigma * sigma + floor * floor, fix.has_position)
+
+
+def _arm_columns(model: MeasurementModel, arm: _Arm) -> Tensor:
+    n, azimuth = model.layout.size, model.layout.azimuth
+    columns = torch.nn.functional.pad(arm.by_azimuth.unsqueeze(-1), (azimuth, n - azimuth - 1))
+    if model.errors.pitch_bias:
+        columns = columns + torch.nn.functional.pad(arm.by_pitch_bias.unsqueeze(-1), (n - 1, 0))
+    return columns
+
+
+def _velocity(
+    model: MeasurementModel,
+    belief: Belief,
+    occasion: Occasion,
+    told: Odometry,
+    arm: _Arm | None,
+    noise: EkfNoise,
+) -> _Part:
+    fix = occasion.fix
+    now = ground_velocity(
+        model.errors, told, belief.state.azimuth, belief.velocity_offset, occasion.delay
+    )
+    predicted, observation = now.velocity, now.by_error
+    if arm is not None:
+        rate = told.turn.rate.unsqueeze(-1)
+        predicted = predicted + rate * arm.by_azimuth
+        swing = arm.by_azimuth.unsqueeze(-1) * told.turn.by_error.unsqueeze(-2)
+        e, n, _ = arm.arm.unbind(-1)
+        inwards = -rate * torch.stack((e, n, torch.zeros_like(e)), -1)
+        at = model.layout.azimuth
+        observation = observation + swing
+        observation = observation + torch.nn.functional.pad(
+            inwards.unsqueeze(-1), (at, model.layout.size - at - 1)
+        )
+    rows = model.rows.of(Kind.VELOCITY)
+    count = 3 if rows is None else rows.stop - rows.start
+    innovation = torch.stack((fix.v_e, fix.v_n, fix.v_u), -1) - predicted
+    variance = _velocity_variance(fix, noise).unsqueeze(-1).expand(innovation.shape)
+    return _Part(
+        innovation[..., :count],
+        observation[..., :count, :],
+        variance[..., :count],
+        fix.has_velocity,
+    )
+
+
+def _velocity_variance(fix: GnssFix, noise: EkfNoise) -> Tensor:
+    sigma = fix.std_v * noise.velocity_inflation
+    return sigma * sigma + noise.velocity_floor**2 + noise.speed_noise**2
+
+
+def _course(
+    model: MeasurementModel,
+    belief: Belief,
+    occasion: Occasion,
+    told: Odometry,
+    arm: _Arm | None,
+    noise: EkfNoise,
+) -> _Part:
+    fix, azimuth = occasion.fix, belief.state.azimuth
+    slow = model.course_speed
+    speed = torch.sqrt(fix.v_e * fix.v_e + fix.v_n * fix.v_n)
+    fast = (speed > slow) & (told.v_h > slow) & (fix.has_velocity > 0.5)
+    safe = torch.where(fast, speed, torch.ones_like(speed))
+    course = torch.atan2(fix.v_e, torch.where(fast, fix.v_n, torch.ones_like(speed)))
+    innovation = wrap_angle(course - azimuth + told.turn.rate * occasion.delay)
+    unit = torch.zeros_like(told.turn.by_error)
+    unit[..., model.layout.azimuth] = 1.0
+    observation = unit - occasion.delay.unsqueeze(-1) * told.turn.by_error
+    sigma = fix.std_v * noise.velocity_inflation
+    variance = (sigma * sigma + noise.velocity_floor**2) / (safe * safe)
+    return _Part(
+        innovation.unsqueeze(-1), observation.unsqueeze(-2), variance.unsqueeze(-1), fast.to(speed)
+    )
+
+
+def _zero_yaw_rate(
+    model: MeasurementModel,
+    belief: Belief,
+    occasion: Occasion,
+    told: Odometry,
+    arm: _Arm | None,
+    noise: EkfNoise,
+) -> _Part:
+    rest, n = occasion.rest, model.layout.size
+    still = (rest.duration >= model.standstill).to(rest.duration)
+    first = model.layout.first_sensor
+    if model.errors.velocity_states:
+        first += 1
+    count = rest.regressors.shape[-1]
+    at = first - model.layout.first_sensor
+    parameters = belief.sensor[..., at : at + count]
+    known = (rest.regressors * parameters).sum(-1)
+    earth = model.earth_rate * torch.sin(belief.state.lat)
+    innovation = rest.yaw_rate - known - earth
+    observation = torch.nn.functional.pad(rest.regressors, (first, n - first - count))
+    length = rest.duration.clamp(min=1e-3)
+    variance = noise.zero_yaw_rate**2 + noise.gyro_random_walk**2 / length
+    return _Part(innovation.unsqueeze(-1), observation.unsqueeze(-2), variance.unsqueeze(-1), still)
+
+
+def _zero_speed(
+    model: MeasurementModel,
+    belief: Belief,
+    occasion: Occasion,
+    told: Odometry,
+    arm: _Arm | None,
+    noise: EkfNoise,
+) -> _Part:
+    still = (occasion.rest.duration >= model.standstill).to(occasion.delay)
+    now = ground_velocity(
+        model.errors,
+        told,
+        belief.state.azimuth,
+        belief.velocity_offset,
+        torch.zeros_like(occasion.delay),
+    )
+    variance = (noise.zero_speed**2).expand(now.velocity.shape)
+    return _Part(-now.velocity, now.by_error, variance, still)
