@@ -2,6 +2,7 @@
 
 from navlearn.export.metadata import PredictorMetadata, describe
 from navlearn.export.reading import LoadedPredictor, load_predictor
+from navlearn.export.replay import predict_drive
 from navlearn.export.writing import ExportReport, export_predictor
 
 __all__ = [
@@ -11,4 +12,5 @@ __all__ = [
     "describe",
     "export_predictor",
     "load_predictor",
+    "predict_drive",
 ]

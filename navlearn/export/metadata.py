@@ -31,9 +31,9 @@ INPUT_UNITS: Final[dict[str, str]] = {
 
 OUTPUT_UNITS: Final[dict[str, str]] = {
     "gyro_rate": "rad/s",
-    "azimuth_rate": "rad/s",
+    "azimuth_rate": "rad per step",
     "azimuth": "rad",
-    "position": "m",
+    "position": "m per step",
     "speed_scale": "1",
     "pseudorange": "m",
 }

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import AfterValidator, Field
 
+from navlearn.logs.nearest import nearest_hint
 from navlearn.recipe.strict import Section, parse
 from navlearn.recipe.yaml_file import read_yaml
 
@@ -28,6 +29,21 @@ def _plain_name(name: str) -> str:
     return name
 
 
+def _known_channels(names: tuple[str, ...]) -> tuple[str, ...]:
+    from navlearn.error_models.regressors import CHANNELS
+
+    for name in names:
+        if name not in CHANNELS:
+            raise ValueError(
+                f"unknown input {name!r}{nearest_hint(name, CHANNELS)}; known: "
+                f"{', '.join(CHANNELS)}"
+            )
+        if names.count(name) > 1:
+            raise ValueError(f"the input {name!r} is listed twice; list each once")
+    return names
+
+
+Channels = Annotated[tuple[str, ...], Field(min_length=1), AfterValidator(_known_channels)]
 PlainName = Annotated[str, AfterValidator(_plain_name)]
 
 
@@ -56,8 +72,10 @@ class ModelSpec(Section):
     Attributes:
         name: Short name, used as the method's name and for files.
         type: Kind of model.
-        acts_on: What its output corrects.
-        inputs: Regressors beside the model's own past outputs.
+        acts_on: What its output corrects: ``position`` along and across the track, or
+            ``azimuth_rate``.
+        inputs: Regressors beside the model's own past outputs, any of
+            :data:`navlearn.error_models.regressors.CHANNELS`.
         lags: Number of lags, each with a sub-network of its own.
         hidden: Hidden units of each lag's sub-network.
         activation: Hidden activation.
@@ -78,8 +96,12 @@ class ModelSpec(Section):
 
     name: PlainName
     type: Literal["anarx"] = "anarx"
-    acts_on: Literal["position"] = "position"
-    inputs: Annotated[tuple[str, ...], Field(min_length=1)] = ("yaw_rate", "speed", "delay")
+    acts_on: Literal["position", "azimuth_rate"] = "position"
+    inputs: Annotated[tuple[str, ...], Field(min_length=1), AfterValidator(_known_channels)] = (
+        "yaw_rate",
+        "speed",
+        "delay",
+    )
     lags: Count = 2
     hidden: Count = 5
     activation: Literal["sigmoid", "tanh"] = "sigmoid"

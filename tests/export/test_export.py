@@ -29,7 +29,7 @@ from navlearn.export.metadata import FORMAT, INPUT_UNITS, OUTPUT_UNITS
 SOURCE = TrainingSource(
     logs=("drive",),
     inputs=("yaw_rate", "speed", "delay"),
-    outputs=("error_e", "error_n"),
+    outputs=("along", "cross"),
     time_step=1.0,
 )
 
@@ -135,7 +135,7 @@ def test_metadata_survive_and_tell_units(tmp_path: Path) -> None:
     found = load_predictor(tmp_path / "p.pt").metadata
     assert found == describe(fitted)
     assert dict(zip(found.inputs, found.input_units, strict=True))["speed"] == "m/s"
-    assert found.output_units == ("m", "m")
+    assert found.output_units == ("m per step", "m per step")
     assert (found.time_step_s, found.memory) == (1.0, 2)
     assert found.trained_on["time_span_s"] == [600.0, 1200.0]
     assert found.trained_on["valid_loss"] is None

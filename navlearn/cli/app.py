@@ -1,0 +1,76 @@
+"""The application: its commands, and how it tells what went wrong.
+
+Commands import what they need when they run, so that ``navlearn --help`` answers at once.
+"""
+
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+import navlearn
+from navlearn.cli.check import check
+from navlearn.cli.evaluate import evaluate
+from navlearn.cli.export import export
+from navlearn.cli.predict import predict
+from navlearn.cli.run import run
+from navlearn.cli.simulate import simulate
+from navlearn.cli.train import train
+from navlearn.errors import NavlearnError
+
+REFUSED = 2
+"""Exit code where an input is refused; 1 is for findings of ``check``."""
+
+
+class _CommandGroup(TyperGroup):
+    """Turns errors that navlearn raises on purpose into one message and an exit code."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command that was asked for."""
+        try:
+            return super().invoke(ctx)
+        except BrokenPipeError:
+            raise
+        except (NavlearnError, OSError) as problem:
+            if ctx.params.get("debug"):
+                raise
+            typer.echo(f"navlearn: {problem}", err=True)
+            raise typer.Exit(REFUSED) from None
+
+
+app = typer.Typer(
+    name="navlearn",
+    cls=_CommandGroup,
+    help="Learning-augmented land-vehicle navigation: check a drive, put GNSS outages into it, "
+    "and see what a learned error model does.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+)
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        typer.echo(f"navlearn {navlearn.__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    debug: Annotated[bool, typer.Option("--debug", help="Show tracebacks.")] = False,
+    version: Annotated[
+        bool,
+        typer.Option("--version", help="Show the version.", callback=_version, is_eager=True),
+    ] = False,
+) -> None:
+    """Take the options that stand before the command."""
+
+
+for _command in (check, simulate, run, train, evaluate, export, predict):
+    app.command()(_command)
+
+
+def main() -> None:
+    """Run the command line."""
+    app()

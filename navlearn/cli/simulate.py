@@ -1,0 +1,37 @@
+"""``navlearn simulate``: a drive with known truth and named sensors."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from navlearn.cli.arguments import ForceOption
+
+
+def simulate(
+    out: Annotated[Path, typer.Option("--out", help="Folder for the log.")],
+    profile: Annotated[
+        str, typer.Option("--profile", help="Kind of drive: town, suburb, motorway, mixed, ...")
+    ] = "mixed",
+    grade: Annotated[
+        str, typer.Option("--grade", help="Sensor grade: tactical, mems_l, mems_m, mems_x, ideal.")
+    ] = "mems_m",
+    duration: Annotated[float, typer.Option("--duration", help="Length of the drive, s.")] = 1800.0,
+    seed: Annotated[int, typer.Option("--seed", help="Seed of all that is drawn.")] = 0,
+    sample: Annotated[
+        bool,
+        typer.Option("--sample", help="Make the drive of datasets/ again; other options are its."),
+    ] = False,
+    force: ForceOption = False,
+) -> None:
+    """Simulate a drive and save it as a log with its truth as reference."""
+    from navlearn.logs.formats.native import save_log
+    from navlearn.logs.synthetic.sample import make_sample_drive
+    from navlearn.logs.synthetic.simulate import simulate_drive
+
+    if sample:
+        folder = make_sample_drive(out, force=force)
+    else:
+        drive = simulate_drive(profile=profile, grade=grade, duration=duration, seed=seed)
+        folder = save_log(drive.log, out, force=force)
+    typer.echo(f"Log: {folder}")
