@@ -32,7 +32,7 @@ def integrate(start: NavState, motion: RissMotion, earth_rate: float, passes: in
     """
     shape = motion.dt.shape
     flat = [x.expand(shape[:-1]).reshape(-1) for x in start]
-    channels = [x.expand(shape).reshape(-1, shape[-1]) for x in motion]
+    channels = [x.expand(shape).reshape(shape[:-1].numel(), shape[-1]) for x in motion]
     outputs = _Integrate.apply(*flat, *channels, earth_rate, passes)  # type: ignore[no-untyped-call]
     lat, lon, height, azimuth, east, north = (x.reshape(shape) for x in outputs[:6])
     return Trajectory(lat, lon, height, azimuth, motion.v_h * east, motion.v_h * north, motion.v_u)
@@ -127,6 +127,8 @@ def _apply_batched(
             folded.append(value)
             continue
         front = value.expand(size, *value.shape) if dim is None else value.movedim(dim, 0)
-        folded.append(front.reshape(-1, *front.shape[2:]))
+        folded.append(front.reshape(size * front.shape[1], *front.shape[2:]))
     outputs = function.apply(*folded)
-    return tuple(x.reshape(size, -1, *x.shape[1:]) for x in outputs), (0,) * len(outputs)
+    return tuple(x.reshape(size, x.shape[0] // size, *x.shape[1:]) for x in outputs), (0,) * len(
+        outputs
+    )
