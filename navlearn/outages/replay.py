@@ -189,7 +189,9 @@ def _outcomes(
     made = _predict_all(method, log, [outages[k] for k in todo], batched)
     for k, outcome in zip(todo, made, strict=True):
         if isinstance(outcome, Solution):
-            outcome = replace(outcome, notes=plain(outcome.notes, where=name))
+            # As it would come back from the store, so that both are alike.
+            table, notes = outcome.table.reset_index(drop=True), plain(outcome.notes, where=name)
+            outcome = Solution(table=table, notes=notes)
             if shelf is not None:
                 shelf.save(name, outages[k], outcome.table, outcome.notes)
         yield k, outcome

@@ -1,0 +1,60 @@
+from collections.abc import Callable
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from navlearn.logs.drive_log import DriveLog, LogMetadata
+
+RADIUS = 6_371_000.0
+LAT_0, LON_0 = 0.7, -1.3
+
+
+def motion(speed: np.ndarray, azimuth: np.ndarray, dt: float) -> dict[str, np.ndarray]:
+    """Positions on the ellipsoid whose velocity is exactly the given one, summed finely."""
+    a, f = 6_378_137.0, 1.0 / 298.257223563
+    e2 = f * (2.0 - f)
+    v_e, v_n = speed * np.sin(azimuth), speed * np.cos(azimuth)
+    lat, lon = np.empty_like(speed), np.empty_like(speed)
+    lat[0], lon[0] = LAT_0, LON_0
+    for k in range(1, speed.size):
+        w = 1.0 - e2 * np.sin(lat[k - 1]) ** 2
+        r_m, r_n = a * (1.0 - e2) / w**1.5, a / np.sqrt(w)
+        lat[k] = lat[k - 1] + 0.5 * (v_n[k] + v_n[k - 1]) * dt / r_m
+        middle = 0.5 * (lat[k] + lat[k - 1])
+        lon[k] = lon[k - 1] + 0.5 * (v_e[k] + v_e[k - 1]) * dt / (r_n * np.cos(middle))
+    return {"lat": lat, "lon": lon, "v_e": v_e, "v_n": v_n}
+
+
+@pytest.fixture(scope="session")
+def make_log() -> Callable[..., DriveLog]:
+    """A drive of given speed and azimuth over time: sensors and reference 10 Hz, fixes 1 Hz."""
+
+    def make(
+        duration: float = 900.0,
+        speed: Callable[[np.ndarray], np.ndarray] | float = 10.0,
+        azimuth: Callable[[np.ndarray], np.ndarray] | float = 0.5,
+        name: str = "made",
+    ) -> DriveLog:
+        t = np.arange(0.0, duration + 0.05, 0.1).round(6)
+        v = np.broadcast_to(speed(t) if callable(speed) else speed, t.shape).astype(float)
+        a = np.broadcast_to(azimuth(t) if callable(azimuth) else azimuth, t.shape).astype(float)
+        moved = motion(v, a, 0.1)
+        reference = pd.DataFrame(
+            {"t": t, **moved, "height": 100.0, "azimuth": a, "v_u": 0.0, "pitch": 0.0, "roll": 0.0}
+        )
+        fixes = reference.loc[::10, ["t", "lat", "lon", "height", "v_e", "v_n"]]
+        return DriveLog(
+            imu=pd.DataFrame({"t": t, "gyro_z": -np.gradient(a, t)}),
+            odometer=pd.DataFrame({"t": t, "speed": v}),
+            fixes=fixes.reset_index(drop=True),
+            reference=reference,
+            metadata=LogMetadata(name=name, is_truth=True),
+        )
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def straight_log(make_log: Callable[..., DriveLog]) -> DriveLog:
+    return make_log()
