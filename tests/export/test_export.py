@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from inspect import signature
 from pathlib import Path
@@ -12,76 +13,29 @@ import pytest
 import torch
 from torch import Tensor
 
-from navlearn.error_models.anarx import Anarx, AnarxOptions
-from navlearn.error_models.base import (
-    ACTS_ON,
-    FittedErrorModel,
-    TrainingCurves,
-    TrainingRecord,
-    TrainingSource,
-)
+from navlearn.error_models.anarx import Anarx
+from navlearn.error_models.base import ACTS_ON, FittedErrorModel, TrainingSource
 from navlearn.error_models.regressors import CHANNELS, build_regressors
-from navlearn.error_models.scaling import fit_scaling
 from navlearn.errors import ConfigError, FitError, LogNotFoundError, OutputExistsError, ShapeError
 from navlearn.export import PredictorMetadata, describe, export_predictor, load_predictor
 from navlearn.export.metadata import FORMAT, INPUT_UNITS, OUTPUT_UNITS
 
-SOURCE = TrainingSource(
-    logs=("drive",),
-    inputs=("yaw_rate", "speed", "delay"),
-    outputs=("along", "cross"),
-    time_step=1.0,
-)
+Fitted = Callable[..., FittedErrorModel]
+Inputs = Callable[..., Tensor]
 
-
-def some_inputs(rows: int = 60, seed: int = 1) -> Tensor:
-    generator = torch.Generator().manual_seed(seed)
-    noise = torch.randn(rows, 3, generator=generator, dtype=torch.float64)
-    return noise * torch.tensor([0.1, 4.0, 0.3]) + torch.tensor([0.0, 12.0, 0.5])
-
-
-def fitted_model(*, lags: int = 2, source: TrainingSource = SOURCE) -> FittedErrorModel:
-    options = AnarxOptions(inputs=3, outputs=2, lags=lags, hidden=4)
-    model = Anarx(options)
-    generator = torch.Generator().manual_seed(3)
-    with torch.no_grad():
-        for weights in model.parameters():
-            weights.copy_(0.3 * torch.randn(weights.shape, generator=generator))
-    u = some_inputs(seed=2)
-    y = 5.0 * torch.randn(60, 2, generator=generator, dtype=torch.float64)
-    model.set_scaling(fit_scaling(u, torch.ones(60)), fit_scaling(y, torch.ones(60)))
-    model.set_variance(torch.linspace(1.0, 9.0, 10, dtype=torch.float64)[:, None].repeat(1, 2))
-    record = TrainingRecord(
-        source=source,
-        time_span=(600.0, 1200.0),
-        samples=500,
-        validation_samples=0,
-        trainer="lm",
-        loop="closed",
-        iterations=20,
-        stopped="converged",
-        seed=4,
-        train_loss=0.5,
-        valid_loss=float("nan"),
-        versions=(("navlearn", "0.1.0"), ("torch", "2.6")),
-    )
-    return FittedErrorModel(
-        kind="anarx",
-        model=model.eval(),
-        options=options,
-        record=record,
-        curves=TrainingCurves(train=(1.0, 0.5), valid=()),
-    )
+NAMED = TrainingSource(inputs=("yaw_rate", "speed", "delay"), outputs=("along", "cross"))
 
 
 @pytest.mark.parametrize("lags", [1, 3])
-def test_torchscript_equals_eager_in_stream_and_window(tmp_path: Path, lags: int) -> None:
-    fitted = fitted_model(lags=lags)
-    report = export_predictor(fitted, tmp_path / "p.pt", check_inputs=some_inputs())
+def test_torchscript_equals_eager_in_stream_and_window(
+    tmp_path: Path, lags: int, make_fitted: Fitted, make_inputs: Inputs
+) -> None:
+    fitted = make_fitted(lags=lags)
+    report = export_predictor(fitted, tmp_path / "p.pt", check_inputs=make_inputs())
     assert max(report.differences.values()) <= 1e-12
     assert set(report.differences) >= {"forward", "step", "step against forward"}
     module = load_predictor(report.path).module
-    u = some_inputs(33, seed=7)
+    u = make_inputs(33, seed=7)
     y_start = torch.tensor([2.0, -1.0], dtype=torch.float64)
     state = module.initial_state(u[0], y_start)
     streamed = []
@@ -96,10 +50,12 @@ def test_torchscript_equals_eager_in_stream_and_window(tmp_path: Path, lags: int
         assert torch.equal(module.prediction_variance(steps), expected)
 
 
-def test_reload_in_a_fresh_process_without_navlearn(tmp_path: Path) -> None:
-    fitted = fitted_model()
-    export_predictor(fitted, tmp_path / "p.pt", check_inputs=some_inputs())
-    u = some_inputs(12, seed=5)
+def test_reload_in_a_fresh_process_without_navlearn(
+    tmp_path: Path, make_fitted: Fitted, make_inputs: Inputs
+) -> None:
+    fitted = make_fitted()
+    export_predictor(fitted, tmp_path / "p.pt", check_inputs=make_inputs())
+    u = make_inputs(12, seed=5)
     torch.save(u, tmp_path / "u.pt")
     program = (
         "import sys, torch\n"
@@ -116,22 +72,26 @@ def test_reload_in_a_fresh_process_without_navlearn(tmp_path: Path) -> None:
     assert json.loads(done.stdout)["inputs"] == ["yaw_rate", "speed", "delay"]
 
 
-def test_torch_export_takes_any_batch_and_length(tmp_path: Path) -> None:
-    fitted = fitted_model()
+def test_torch_export_takes_any_batch_and_length(
+    tmp_path: Path, make_fitted: Fitted, make_inputs: Inputs
+) -> None:
+    fitted = make_fitted()
     report = export_predictor(
-        fitted, tmp_path / "p.pt2", check_inputs=some_inputs(), kind="torch_export"
+        fitted, tmp_path / "p.pt2", check_inputs=make_inputs(), kind="torch_export"
     )
     loaded = load_predictor(report.path)
     assert loaded.kind == "torch_export"
     assert loaded.metadata == describe(fitted)
     for batch, rows in ((1, 60), (3, 17), (2, 2)):
-        u = torch.stack([some_inputs(rows, seed=k) for k in range(batch)])
+        u = torch.stack([make_inputs(rows, seed=k) for k in range(batch)])
         torch.testing.assert_close(loaded.module(u), fitted.model(u), rtol=0.0, atol=1e-12)
 
 
-def test_metadata_survive_and_tell_units(tmp_path: Path) -> None:
-    fitted = fitted_model()
-    export_predictor(fitted, tmp_path / "p.pt", check_inputs=some_inputs())
+def test_metadata_survive_and_tell_units(
+    tmp_path: Path, make_fitted: Fitted, make_inputs: Inputs
+) -> None:
+    fitted = make_fitted()
+    export_predictor(fitted, tmp_path / "p.pt", check_inputs=make_inputs())
     found = load_predictor(tmp_path / "p.pt").metadata
     assert found == describe(fitted)
     assert dict(zip(found.inputs, found.input_units, strict=True))["speed"] == "m/s"
@@ -149,13 +109,15 @@ def test_every_channel_and_target_has_a_unit() -> None:
     assert INPUT_UNITS["delay"] == f"{scale:g} s"
 
 
-def test_nothing_is_overwritten_without_force(tmp_path: Path) -> None:
+def test_nothing_is_overwritten_without_force(
+    tmp_path: Path, make_fitted: Fitted, make_inputs: Inputs
+) -> None:
     path = tmp_path / "p.pt"
     path.write_text("mine")
     with pytest.raises(OutputExistsError, match="exists already"):
-        export_predictor(fitted_model(), path, check_inputs=some_inputs())
+        export_predictor(make_fitted(), path, check_inputs=make_inputs())
     assert path.read_text() == "mine"
-    export_predictor(fitted_model(), path, check_inputs=some_inputs(), force=True)
+    export_predictor(make_fitted(), path, check_inputs=make_inputs(), force=True)
     assert load_predictor(path).kind == "torchscript"
 
 
@@ -167,14 +129,16 @@ class Drifting(Anarx):
         return y + 1e-9 * u[..., :1].abs().sum(-2, keepdim=True)
 
 
-def test_what_disagrees_is_not_written(tmp_path: Path) -> None:
-    fitted = fitted_model()
+def test_what_disagrees_is_not_written(
+    tmp_path: Path, make_fitted: Fitted, make_inputs: Inputs
+) -> None:
+    fitted = make_fitted()
     drifting = Drifting(fitted.options)
     drifting.set_variance(fitted.model.variance)
     drifting.load_state_dict(fitted.model.state_dict())
     with pytest.raises(FitError, match="step against forward"):
         export_predictor(
-            replace(fitted, model=drifting), tmp_path / "p.pt", check_inputs=some_inputs()
+            replace(fitted, model=drifting), tmp_path / "p.pt", check_inputs=make_inputs()
         )
     assert list(tmp_path.iterdir()) == []
 
@@ -188,28 +152,32 @@ def test_what_disagrees_is_not_written(tmp_path: Path) -> None:
         torch.full((9, 3), float("nan"), dtype=torch.float64),
     ],
 )
-def test_inputs_to_check_with_must_be_real(tmp_path: Path, inputs: Tensor) -> None:
+def test_inputs_to_check_with_must_be_real(
+    tmp_path: Path, inputs: Tensor, make_fitted: Fitted
+) -> None:
     with pytest.raises(ShapeError, match="check_inputs"):
-        export_predictor(fitted_model(), tmp_path / "p.pt", check_inputs=inputs)
+        export_predictor(make_fitted(), tmp_path / "p.pt", check_inputs=inputs)
 
 
-def test_unknown_format_is_refused(tmp_path: Path) -> None:
+def test_unknown_format_is_refused(
+    tmp_path: Path, make_fitted: Fitted, make_inputs: Inputs
+) -> None:
     kind: Any = "onnx"
     with pytest.raises(ConfigError, match="'onnx'"):
-        export_predictor(fitted_model(), tmp_path / "p", check_inputs=some_inputs(), kind=kind)
+        export_predictor(make_fitted(), tmp_path / "p", check_inputs=make_inputs(), kind=kind)
 
 
 @pytest.mark.parametrize(
     "source",
     [
         TrainingSource(),
-        replace(SOURCE, inputs=("yaw_rate", "speed", "colour")),
-        replace(SOURCE, outputs=()),
+        replace(NAMED, inputs=("yaw_rate", "speed", "colour")),
+        replace(NAMED, outputs=()),
     ],
 )
-def test_a_record_without_names_is_refused(source: TrainingSource) -> None:
+def test_a_record_without_names_is_refused(source: TrainingSource, make_fitted: Fitted) -> None:
     with pytest.raises(ConfigError, match="needs both named"):
-        describe(fitted_model(source=source))
+        describe(make_fitted(source=source))
 
 
 def test_files_that_are_no_predictors(tmp_path: Path) -> None:
