@@ -37,6 +37,8 @@ class ResampleOptions:
     Attributes:
         max_imu_gap: Longest gap in the IMU that a straight line may bridge, s.
         max_odometer_gap: Longest gap in the odometer that a straight line may bridge, s.
+        max_odometer_hold: Longest time for which the last speed is held where the odometer ends
+            before the IMU, as it does when a drive is cut between its samples, s.
         fixes: What is assumed where fixes do not tell their own standard deviations.
         stationary: What counts as standing still.
         tilt: How pitch and roll are found for 3D.
@@ -44,6 +46,7 @@ class ResampleOptions:
 
     max_imu_gap: float = 0.5
     max_odometer_gap: float = 3.5
+    max_odometer_hold: float = 1.5
     fixes: FixOptions = field(default_factory=FixOptions)
     stationary: StationaryOptions = field(default_factory=StationaryOptions)
     tilt: TiltOptions = field(default_factory=TiltOptions)
@@ -75,9 +78,10 @@ def riss_timeline(
 ) -> RissTimeline:
     """Return a drive as interval means on a uniform grid, with its fixes beside.
 
-    The grid begins where IMU and odometer both have begun and ends where the first of them
-    ends. Latencies that the log's metadata state and that are still in the times are removed.
-    A fix is used at the end of the nearest interval; fixes outside the grid are left out.
+    The grid begins where IMU and odometer both have begun and ends with the IMU, or where the
+    odometer has been silent too long to be held. Latencies that the log's metadata state and
+    that are still in the times are removed. A fix is used at the end of the nearest interval;
+    fixes outside the grid are left out.
 
     Args:
         log: Drive.
@@ -99,7 +103,7 @@ def riss_timeline(
         raise ConfigError(f"dims: found {dims}; give 2 (level) or 3 (with pitch and roll)")
     chosen = options or ResampleOptions()
     log = without_latency(log)
-    edges = _grid(log, rate_hz)
+    edges = _grid(log, rate_hz, chosen.max_odometer_hold)
     _refuse_odometer_gap(log, edges, chosen.max_odometer_gap)
     samples = _samples(log, edges, chosen)
     if dims == 3:
@@ -127,9 +131,9 @@ def _span(log: DriveLog, name: str, table: pd.DataFrame) -> tuple[float, float]:
     return float(t[0]) - lead, float(t[-1])
 
 
-def _grid(log: DriveLog, rate_hz: float) -> FloatArray:
+def _grid(log: DriveLog, rate_hz: float, hold: float) -> FloatArray:
     spans = [_span(log, "imu", log.imu), _span(log, "odometer", log.odometer)]
-    start, stop = max(begin for begin, _ in spans), min(end for _, end in spans)
+    start, stop = max(begin for begin, _ in spans), min(spans[0][1], spans[1][1] + hold)
     count = int(np.floor((stop - start) * rate_hz + 1e-6))
     if count < 1:
         raise LogError(
@@ -210,7 +214,10 @@ def _with_tilt(samples: RissSample, log: DriveLog, options: TiltOptions) -> Riss
             f"{log.metadata.name}: imu has no {' and no '.join(missing)}, which dims=3 needs for "
             "pitch and roll; use dims=2 or a log with accelerometers"
         )
-    lat = torch.tensor(float(log.fixes["lat"].dropna().iloc[0]), dtype=torch.float64)
+    known = log.fixes["lat"].dropna()
+    if known.empty:
+        raise LogError(f"{log.metadata.name}: no fix has a position; dims=3 needs one for gravity")
+    lat = torch.tensor(float(known.iloc[0]), dtype=torch.float64)
     gravity = earth.normal_gravity(lat, torch.zeros_like(lat))
     tilt = tilt_from_specific_force(
         samples.f_y,

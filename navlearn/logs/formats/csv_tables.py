@@ -4,6 +4,7 @@ With a descriptor any columns, units and axes; without one the canonical names o
 :mod:`navlearn.logs.columns`, where a suffix may tell another unit (``lat_deg``, ``speed_kmh``).
 """
 
+import zlib
 from pathlib import Path
 from typing import Any, Final
 
@@ -85,14 +86,14 @@ def read_frame(path: Path) -> pd.DataFrame:
     try:
         if path.suffix == ".parquet":
             return pd.read_parquet(path)
-        table: pd.DataFrame = pd.read_csv(path, **_EXACT)
+        table: pd.DataFrame = pd.read_csv(path, low_memory=False, **_EXACT)
     except ImportError as error:
         raise MissingExtraError(
             f"{path.name}: reading Parquet needs pyarrow; pip install navlearn[parquet]"
         ) from error
     except pd.errors.EmptyDataError as error:
         raise LogError(f"{path.name}: the file is empty; a header and rows are needed") from error
-    except (OSError, EOFError, ValueError) as error:
+    except (OSError, EOFError, ValueError, zlib.error) as error:
         raise LogError(
             f"{path.name}: not readable as a table ({error}); it is truncated or of another format"
         ) from error

@@ -9,8 +9,10 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 import pandas as pd
+from pydantic import TypeAdapter, ValidationError
 
 from navlearn.errors import LogError, LogNotFoundError, MissingExtraError, OutputExistsError
+from navlearn.logs.columns import TABLES
 from navlearn.logs.drive_log import DriveLog, LogMetadata
 from navlearn.logs.formats.csv_tables import read_frame
 from navlearn.logs.formats.finding import listing
@@ -49,12 +51,15 @@ def save_log(
     tables = log.tables()
     files = {name: f"{name}{_ENDINGS[table_format]}" for name in tables}
     header = _header(log, files)
-    present = [name for name in (HEADER, *files.values()) if (folder / name).exists()]
+    every = (HEADER, *(f"{name}{ending}" for name in TABLES for ending in _ENDINGS.values()))
+    present = [name for name in every if (folder / name).exists()]
     if present and not force:
         raise OutputExistsError(
             f"{folder}: {', '.join(present)} would be overwritten; choose another folder or force"
         )
     folder.mkdir(parents=True, exist_ok=True)
+    for name in present:
+        (folder / name).unlink()
     for name, table in tables.items():
         _write(table, folder / files[name])
     (folder / HEADER).write_text(header, encoding="utf-8")
@@ -136,18 +141,21 @@ def _read_header(path: Path) -> dict[str, Any]:
     missing = {"imu", "odometer", "fixes"} - set(header["tables"])
     if missing:
         raise LogError(f"{path.name}: tables has no {', '.join(sorted(missing))}")
+    for name, file in header["tables"].items():
+        if not isinstance(file, str) or not file:
+            raise LogError(f"{path.name}: tables.{name}: found {file!r}, expected a file name")
     found: dict[str, Any] = header
     return found
 
 
 def _metadata(entries: dict[str, Any]) -> LogMetadata:
-    known = set(LogMetadata.__dataclass_fields__)
+    known = LogMetadata.__dataclass_fields__
     for key in entries:
         if key not in known:
-            hint = nearest_hint(key, known)
-            raise LogError(f"{HEADER}: unknown metadata {key}{hint}")
-    fields: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in entries.items()}
+            raise LogError(f"{HEADER}: unknown metadata {key}{nearest_hint(key, known)}")
     try:
-        return LogMetadata(**fields)
-    except TypeError as error:
-        raise LogError(f"{HEADER}: metadata: {error}") from error
+        return TypeAdapter(LogMetadata).validate_python(entries)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"])
+        raise LogError(f"{HEADER}: metadata: {where}: {first['msg']}") from None
