@@ -1,0 +1,145 @@
+"""The methods that learn nothing: dead reckoning, and the filter with and without a gyro bias."""
+
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+import pandas as pd
+import torch
+
+from navlearn.experiment.drive import timeline_of
+from navlearn.fusion.dead_reckoning import DeadReckoningOptions, dead_reckoning_start
+from navlearn.fusion.options import EkfOptions
+from navlearn.logs.drive_log import DriveLog
+from navlearn.logs.resample import RissTimeline
+from navlearn.mechanization.riss_parallel import riss_over_time
+from navlearn.navigator import Navigator, NavigatorOptions, NavigatorRun
+from navlearn.outages.replay import Solution
+from navlearn.outages.schedule import Outage
+from navlearn.recipe import Recipe
+from navlearn.recipe.filter_options import ekf_options
+from navlearn.states import RissSample, Trajectory
+
+PLAIN: dict[str, Literal["bias_free"]] = {"ekf_plain": "bias_free"}
+"""Methods that are the filter with another error model."""
+
+
+def filter_options(recipe: Recipe, method: str = "ekf") -> EkfOptions:
+    """Return the filter options of a method: the recipe's, for every method alike.
+
+    Args:
+        recipe: The recipe.
+        method: ``ekf_plain`` takes the gyro bias away; every other name is the honest filter.
+    """
+    options = ekf_options(recipe.filter)
+    mechanization = replace(options.mechanization, dimensions=recipe.mechanization.dims)
+    options = replace(options, mechanization=mechanization)
+    return replace(options, model=PLAIN[method]) if method in PLAIN else options
+
+
+class FilterRuns:
+    """Filter runs to the end of each outage, made once and shared by the methods."""
+
+    def __init__(self, recipe: Recipe) -> None:
+        self.recipe = recipe
+        self._made: dict[tuple[str, float, float], tuple[RissTimeline, Navigator, NavigatorRun]]
+        self._made = {}
+
+    def run(
+        self, log: DriveLog, outage: Outage, method: str = "ekf"
+    ) -> tuple[RissTimeline, Navigator, NavigatorRun]:
+        """Return timeline, navigator and run of the log that ends with an outage.
+
+        Args:
+            log: The drive up to the outage's end, without fixes from its start.
+            outage: The outage.
+            method: Which filter.
+        """
+        key = (PLAIN.get(method, "ekf"), outage.start, outage.end)
+        if key not in self._made:
+            timeline = timeline_of(log, self.recipe, outage.end)
+            navigator = Navigator(NavigatorOptions(filter=filter_options(self.recipe, method)))
+            run = navigator.run(timeline.samples, timeline.fixes, timeline.timing)
+            self._made[key] = (timeline, navigator, run)
+        return self._made[key]
+
+
+class FilterMethod:
+    """The filter through the outage: it predicts with all that it has estimated."""
+
+    def __init__(self, runs: FilterRuns, method: str) -> None:
+        self.runs, self.method = runs, method
+
+    def predict(self, log: DriveLog, outage: Outage) -> Solution:
+        """Return the filter's prediction through an outage.
+
+        Args:
+            log: The drive up to the outage's end, without fixes from its start.
+            outage: The outage.
+        """
+        timeline, _, run = self.runs.run(log, outage, self.method)
+        t = timeline.t[run.first :]
+        history = run.history
+        table = solution_table(t, history.trajectory, outage)
+        covariance = history.belief.covariance[..., :2, :2].detach()
+        ends = t[history.end].numpy()
+        spread = {
+            "std_e": covariance[:, 0, 0].clamp(min=0.0).sqrt(),
+            "std_n": covariance[:, 1, 1].clamp(min=0.0).sqrt(),
+            "cov_en": covariance[:, 0, 1],
+        }
+        for name, values in spread.items():
+            table[name] = np.interp(table["t"].to_numpy(), ends, values.numpy())
+        return Solution(table=table)
+
+
+class DeadReckoning:
+    """Last fix, last course, last known bias; then the mechanization alone."""
+
+    def __init__(self, recipe: Recipe, options: DeadReckoningOptions | None = None) -> None:
+        self.recipe, self.options = recipe, options or DeadReckoningOptions()
+        self.mechanization = filter_options(recipe).mechanization
+
+    def predict(self, log: DriveLog, outage: Outage) -> Solution:
+        """Return dead reckoning through an outage.
+
+        Args:
+            log: The drive up to the outage's end, without fixes from its start.
+            outage: The outage.
+        """
+        timeline = timeline_of(log, self.recipe, outage.end)
+        start = dead_reckoning_start(
+            timeline.samples, timeline.fixes, timeline.timing, self.options
+        )
+        after = slice(start.sample + 1, None)
+        trajectory = riss_over_time(
+            start.state,
+            RissSample(*(channel[after] for channel in timeline.samples)),
+            start.gyro_bias,
+            start.odometer_scale,
+            options=self.mechanization,
+        )
+        return Solution(
+            table=solution_table(timeline.t[after], trajectory, outage),
+            notes={
+                "gyro_bias_deg_per_h": float(np.degrees(start.gyro_bias.item())) * 3600.0,
+                "odometer_scale": float(start.odometer_scale),
+            },
+        )
+
+
+def solution_table(t: torch.Tensor, trajectory: Trajectory, outage: Outage) -> pd.DataFrame:
+    """Return a trajectory through an outage as a table, one sample before it included.
+
+    Args:
+        t: Times of the trajectory, s, shape (T,).
+        trajectory: Solution, shape (T,) each.
+        outage: The outage.
+    """
+    times = t.numpy()
+    first = max(int(np.searchsorted(times, outage.start, side="right")) - 1, 0)
+    last = int(np.searchsorted(times, outage.end + 1e-9, side="right"))
+    columns = {name: getattr(trajectory, name)[first:last] for name in Trajectory._fields}
+    return pd.DataFrame(
+        {"t": times[first:last], **{name: v.detach().numpy() for name, v in columns.items()}}
+    )

@@ -1,0 +1,206 @@
+"""Runs a recipe: log, filter, fit, replay, report."""
+
+import json
+import math
+import shlex
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import torch
+import yaml
+
+from navlearn.error_models.storage import save_error_model
+from navlearn.experiment.baselines import PLAIN, DeadReckoning, FilterMethod, FilterRuns
+from navlearn.experiment.drive import Drive, prepare_drive
+from navlearn.experiment.learned import Learned, LearnedMethod
+from navlearn.outages.maps import Scene
+from navlearn.outages.output import OutputFolder, prepare_output_folder
+from navlearn.outages.replay import Method, Replay, replay
+from navlearn.outages.results import write_results
+from navlearn.outages.run_summary import DriveSummary, MethodSummary, RunSummary
+from navlearn.outages.tables import summary_content
+from navlearn.outages.track import driven, track_of
+from navlearn.recipe import Recipe
+from navlearn.recipe.document import BASELINES
+from navlearn.recipe.spec import ModelSpec
+
+DESCRIPTIONS = {
+    "dead_reckoning": "last fix, last course, bias of the last two minutes; then mechanization",
+    "ekf_plain": "the filter without a gyro bias state, what papers often compare with",
+    "ekf": "the honest filter: position, azimuth, gyro bias, odometer scale; tuned, gated",
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunResult:
+    """What a run leaves.
+
+    Attributes:
+        folder: The run's folder.
+        table: A row per outage and method, as ``outages.csv``.
+        summary: The content of ``summary.json``.
+    """
+
+    folder: Path
+    table: pd.DataFrame
+    summary: Mapping[str, Any]
+
+
+def build_methods(recipe: Recipe) -> dict[str, Method]:
+    """Return the methods that a recipe compares, in its order.
+
+    Args:
+        recipe: The recipe.
+    """
+    runs = FilterRuns(recipe)
+    methods: dict[str, Method] = {}
+    for name in recipe.methods:
+        if name == "dead_reckoning":
+            methods[name] = DeadReckoning(recipe)
+        elif name in BASELINES:
+            methods[name] = FilterMethod(runs, name)
+        else:
+            methods[name] = LearnedMethod(runs, recipe.model(name))
+    return methods
+
+
+def run_recipe(
+    recipe: Recipe, out: Path, *, force: bool = False, progress: bool = True
+) -> RunResult:
+    """Run a recipe and write its folder.
+
+    An interrupted run goes on where it stopped when it is started again.
+
+    Args:
+        recipe: The recipe.
+        out: Folder for the run.
+        force: Replace an earlier run there.
+        progress: Show a progress bar.
+
+    Returns:
+        The run's folder and tables.
+
+    Raises:
+        OutputExistsError: The folder holds a finished run, or files that no run wrote.
+        LogError: The log cannot be used, or the outages do not fit into it.
+    """
+    output = prepare_output_folder(Path(out), force)
+    drive = prepare_drive(recipe)
+    resolved = recipe.resolved()
+    text = yaml.safe_dump(resolved, sort_keys=False, allow_unicode=True)
+    output.claim("recipe.yaml").write_text(text, encoding="utf-8")
+    torch.manual_seed(recipe.seed)
+    methods = build_methods(recipe)
+    found = replay(
+        drive.log,
+        drive.placement.outages,
+        methods,
+        store=output.claim("solutions/"),
+        settings=_settings(recipe, drive),
+        progress=progress,
+    )
+    _save_models(output, methods)
+    summary = _run_summary(recipe, drive, found, resolved["versions"], output.path)
+    scene = Scene(log=drive.log, outages=drive.placement.outages, replay=found)
+    summary = write_results(output, summary, [scene])
+    output.finish()
+    return RunResult(folder=output.path, table=summary.rows, summary=summary_content(summary))
+
+
+def _settings(recipe: Recipe, drive: Drive) -> dict[str, object]:
+    """Return per method all that its solutions depend on beside log and outage."""
+    shared = {
+        "mechanization": recipe.mechanization.model_dump(mode="json"),
+        "filter": json.loads(json.dumps(recipe.filter, default=str)),
+        "clocks": list(drive.notes),
+        "seed": recipe.seed,
+    }
+    settings: dict[str, object] = {}
+    for name in recipe.methods:
+        if name in BASELINES:
+            settings[name] = {**shared, "model": PLAIN.get(name, name)}
+        else:
+            settings[name] = {
+                **shared,
+                "model": recipe.model(name).model_dump(mode="json"),
+                "training": recipe.training.model_dump(mode="json"),
+            }
+    return settings
+
+
+def _save_models(output: OutputFolder, methods: Mapping[str, Method]) -> None:
+    """Save each model as fitted before the last outage, with regressors to try it on."""
+    for name, method in methods.items():
+        if isinstance(method, LearnedMethod) and method.last is not None:
+            save_learned(output, name, method.last)
+
+
+def save_learned(output: OutputFolder, name: str, learned: Learned) -> None:
+    """Write a fitted model and an example of its regressors into a run's folder.
+
+    Args:
+        output: The run's folder.
+        name: The model's name.
+        learned: The model.
+    """
+    save_error_model(learned.fitted, output.claim(f"models/{name}.pt"), force=True)
+    torch.save({"u": learned.example}, output.claim(f"models/{name}_example.pt"))
+
+
+def _run_summary(
+    recipe: Recipe, drive: Drive, found: Replay, versions: Mapping[str, str], folder: Path
+) -> RunSummary:
+    log, track = drive.log, track_of(drive.log)
+    truth = "truth" if log.metadata.is_truth else "reference"
+    described = {
+        name: MethodSummary(description=DESCRIPTIONS[name])
+        if name in BASELINES
+        else _learned_summary(recipe.model(name), found)
+        for name in recipe.methods
+    }
+    return RunSummary(
+        title=recipe.name,
+        question=recipe.question,
+        drives=(
+            DriveSummary(
+                name=log.metadata.name,
+                source=log.metadata.source,
+                duration=log.duration,
+                distance=float(driven(track)[-1]),
+                placement=drive.placement,
+                license=log.metadata.license,
+                judged_by="fixes" if log.reference is None else truth,
+            ),
+        ),
+        protocol=recipe.outages.protocol(),
+        methods=described,
+        rows=found.rows,
+        command=f"navlearn run {shlex.quote(str(folder / 'recipe.yaml'))} --out NEW_FOLDER",
+        versions=versions,
+        seeds={"recipe": recipe.seed, **{spec.name: spec.seed for spec in recipe.models}},
+        baselines=tuple(name for name in ("ekf", "ekf_plain") if name in recipe.methods),
+        remarks=drive.notes,
+    )
+
+
+def _learned_summary(spec: ModelSpec, found: Replay) -> MethodSummary:
+    mine = [one.notes for (name, _), one in found.solutions.items() if name == spec.name]
+    used = sum(bool(notes.get("used")) for notes in mine)
+    gains = [float(str(notes["gate_improvement_percent"])) for notes in mine
+             if "gate_improvement_percent" in notes]  # fmt: skip
+    known = [gain for gain in gains if math.isfinite(gain)]
+    notes = [f"the gate let it act in {used} of {len(mine)} outages"]
+    if known:
+        middle = float(pd.Series(known).median())
+        notes.append(f"median improvement on the gate's emulated outages {middle:+.1f} %")
+    return MethodSummary(
+        description=(
+            f"the honest filter, through the outage less what {spec.type.upper()} predicts "
+            f"({spec.acts_on}, inputs {', '.join(spec.inputs)})"
+        ),
+        regime="online",
+        notes=tuple(notes),
+    )

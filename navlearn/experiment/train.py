@@ -1,0 +1,75 @@
+"""Fits a recipe's error models on a whole drive, for use on another."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+import yaml
+
+from navlearn.errors import ConfigError
+from navlearn.experiment.baselines import filter_options
+from navlearn.experiment.drive import open_log, set_clocks, timeline_of
+from navlearn.experiment.learned import Learned, learn
+from navlearn.experiment.run import save_learned
+from navlearn.navigator import Navigator, NavigatorOptions
+from navlearn.outages.output import prepare_output_folder
+from navlearn.recipe import Recipe
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainResult:
+    """What training leaves.
+
+    Attributes:
+        folder: The folder with ``recipe.yaml`` and ``models/``.
+        models: Fitted models and their verdicts, by name.
+    """
+
+    folder: Path
+    models: dict[str, Learned]
+
+
+def train_recipe(
+    recipe: Recipe, out: Path, *, force: bool = False, progress: bool = True
+) -> TrainResult:
+    """Fit every model of a recipe on its whole drive.
+
+    Args:
+        recipe: The recipe; its outages play no part.
+        out: Folder for the models.
+        force: Replace what an earlier run wrote there.
+        progress: Show a progress bar.
+
+    Returns:
+        The folder and the models.
+
+    Raises:
+        ConfigError: The recipe has no model.
+        FitError: The drive is too short to learn from.
+        OutputExistsError: The folder holds a finished run, or files that no run wrote.
+    """
+    if not recipe.models:
+        raise ConfigError(f"recipe {recipe.name}: it names no models; there is nothing to train")
+    output = prepare_output_folder(Path(out), force)
+    log = open_log(recipe)
+    log, _ = set_clocks(log, recipe, float("inf"))
+    timeline = timeline_of(log, recipe)
+    navigator = Navigator(NavigatorOptions(filter=filter_options(recipe)))
+    run = navigator.run(timeline.samples, timeline.fixes, timeline.timing)
+    torch.manual_seed(recipe.seed)
+    models = {}
+    for spec in recipe.models:
+        models[spec.name] = learn(
+            recipe,
+            spec,
+            navigator,
+            run,
+            end=int(run.samples.dt.shape[-1]),
+            log_name=log.metadata.name,
+            progress=progress,
+        )
+        save_learned(output, spec.name, models[spec.name])
+    text = yaml.safe_dump(recipe.resolved(), sort_keys=False, allow_unicode=True)
+    output.claim("recipe.yaml").write_text(text, encoding="utf-8")
+    output.finish()
+    return TrainResult(folder=output.path, models=models)
