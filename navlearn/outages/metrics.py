@@ -121,14 +121,14 @@ def figures(errors: pd.DataFrame, track: Track, outage: Outage) -> dict[str, flo
     Returns:
         Figures with their unit in their name; NaN where the reference cannot tell.
     """
-    distance = _through(driven(track), track, outage)
+    road = road_figures(track, outage)
+    distance = road["distance_m"]
     horizontal = errors["horizontal"].to_numpy()
     final = float(horizontal[-1])
     percent = 100.0 / distance if distance > 0.0 else math.nan
     inside = errors["in_ellipse"].to_numpy()
     return {
-        "distance_m": distance,
-        "turned_deg": math.degrees(_through(turned(track), track, outage)),
+        **road,
         **_three("horizontal_error_m", horizontal),
         **_three("azimuth_error_deg", np.degrees(errors["azimuth"].to_numpy())),
         **_three("height_error_m", errors["up"].to_numpy()),
@@ -143,6 +143,19 @@ def figures(errors: pd.DataFrame, track: Track, outage: Outage) -> dict[str, flo
         "share_in_95_ellipse": float(np.mean(inside)) if np.isfinite(inside).all() else math.nan,
         "final_in_95_ellipse": _last(inside),
         "reference_samples": float(horizontal.size),
+    }
+
+
+def road_figures(track: Track, outage: Outage) -> dict[str, float]:
+    """Return the figures of an outage that do not depend on any solution.
+
+    Args:
+        track: The reference, of the whole drive.
+        outage: The outage.
+    """
+    return {
+        "distance_m": _through(driven(track), track, outage),
+        "turned_deg": math.degrees(_through(turned(track), track, outage)),
     }
 
 

@@ -16,7 +16,13 @@ from tqdm import tqdm
 from navlearn.errors import ConfigError, FilterDivergedError, FitError, LogError
 from navlearn.logs.drive_log import DriveLog
 from navlearn.outages.dynamics import classify_outage
-from navlearn.outages.metrics import FIGURES, check_solution, errors_over_time, figures
+from navlearn.outages.metrics import (
+    FIGURES,
+    check_solution,
+    errors_over_time,
+    figures,
+    road_figures,
+)
 from navlearn.outages.schedule import Outage, refuse_overlaps
 from navlearn.outages.store import SolutionStore, plain
 from navlearn.outages.track import Track, track_of
@@ -233,6 +239,7 @@ def _row_head(
         "satellites_visible": len(outage.satellites_visible),
         "azimuth_judged_by": track.azimuth_source,
         "failure": "",
+        **road_figures(track, outage),
     }
 
 

@@ -27,7 +27,7 @@ def write_outages_csv(path: Path, rows: pd.DataFrame) -> Path:
     Raises:
         ConfigError: A column that readers of the file count on is missing.
     """
-    missing = [name for name in (*HEAD, *FIGURES) if name not in rows.columns]
+    missing = [name for name in dict.fromkeys(HEAD + FIGURES) if name not in rows.columns]
     if missing:
         raise ConfigError(f"{path.name}: the rows lack {missing}; take them from a replay")
     rest = [name for name in rows.columns if name not in HEAD]

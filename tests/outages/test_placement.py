@@ -22,7 +22,7 @@ def gaps_between(placed: Placement) -> np.ndarray:
     return starts[1:] - ends[:-1]
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=30)
 @given(
     placement=st.sampled_from(["spread", "random", "by_dynamics"]),
     count=st.integers(1, 12),
