@@ -88,9 +88,12 @@ def jaradat2017_scenario(seed: int = 0) -> SimulatedDrive:
     read_rate = [e.apply(rate[:, i]) for i, e in enumerate(gyros)]
     read_force = [e.apply(force[:, i]) for i, e in enumerate(accels)]
     steady = np.full_like(t, START_TEMPERATURE)
+    truth = strapdown_truth(np.append(0.0, t))
     return SimulatedDrive(
-        log=_log(GRADE, imu_table(t, read_rate, read_force, steady), seed),
-        ideal=_log(find_grade("ideal"), imu_table(t, list(rate.T), list(force.T), steady), seed),
+        log=_log(GRADE, truth, imu_table(t, read_rate, read_force, steady), seed),
+        ideal=_log(
+            find_grade("ideal"), truth, imu_table(t, list(rate.T), list(force.T), steady), seed
+        ),
         gyro_errors=gyros[2],
         motion=None,
         grade=GRADE,
@@ -164,22 +167,21 @@ def _derivative(t: float, state: Array) -> Array:
     return np.concatenate((v, v_dot, 0.5 * turn @ q))
 
 
-def _log(grade: SensorGrade, imu: pd.DataFrame, seed: int) -> DriveLog:
-    at_fix = np.arange(1, round(DURATION * FIX_RATE_HZ) + 1) / FIX_RATE_HZ
-    truth, arm = strapdown_truth(at_fix), (0.0, 0.0, 0.0)
+def _log(grade: SensorGrade, truth: Truth, imu: pd.DataFrame, seed: int) -> DriveLog:
+    at_fix, arm = truth.pick(round(IMU_RATE_HZ / FIX_RATE_HZ)), (0.0, 0.0, 0.0)
     # Neither near the start nor near the end: there is a fix on both sides.
     missed = generator(seed, "gnss/missed").choice(
-        np.arange(10, at_fix.size - 10), size=MISSED_FIXES, replace=False
+        np.arange(10, at_fix.t.size - 10), size=MISSED_FIXES, replace=False
     )
-    fixes = fix_table(at_fix, truth, grade=grade.gnss, lever_arm=arm, seed=seed)
-    fixes = fixes.drop(columns=["v_e", "v_n", "v_u", "std_v"])
+    fixes = fix_table(at_fix.t, at_fix, grade=grade.gnss, lever_arm=arm, seed=seed)
+    fixes = fixes.drop(columns=["v_e", "v_n", "v_u", "std_v"]).drop(index=missed.tolist())
     source = "navlearn simulator: scenario of [Jaradat2017] §IV"
     about = describe(f"jaradat2017_{grade.name}_{seed}", source, grade, "jaradat2017", seed, arm)
     sensors = {**about.sensors, "odometer": "exact; the paper has none"}
     return DriveLog(
         imu=imu,
-        odometer=pd.DataFrame({"t": at_fix, "speed": truth.kinematics.speed}),
-        fixes=fixes.drop(index=missed.tolist()).reset_index(drop=True),
-        reference=reference_table(strapdown_truth(np.append(0.0, imu["t"].to_numpy()))),
+        odometer=pd.DataFrame({"t": at_fix.t, "speed": at_fix.kinematics.speed}),
+        fixes=fixes.reset_index(drop=True),
+        reference=reference_table(truth),
         metadata=replace(about, sensors=sensors),
     )

@@ -225,7 +225,17 @@ def describe(
     lever_arm: tuple[float, float, float],
 ) -> LogMetadata:
     """Return the metadata of a simulated log."""
-    sensor = f"simulated grade {grade.name}: {grade.summary}"
+    gyro, odometer, gnss = grade.gyro, grade.odometer, grade.gnss
+    sensors = {
+        "imu": f"simulated grade {grade.name}: {grade.summary}; gyro "
+        f"{gyro.angle_random_walk_deg_per_sqrt_h:g} °/√h, scale factor "
+        f"{gyro.scale_factor_percent:g} % (1 σ)",
+        "odometer": f"simulated: scale factor {odometer.scale_factor_percent:g} % (1 σ), noise "
+        f"{odometer.noise:g} m/s, step {odometer.step_kmh:g} km/h",
+        "fixes": f"simulated: white noise {gnss.noise:g} m, correlated {gnss.correlated_noise:g} m "
+        f"({gnss.correlation_time:g} s), outliers {100.0 * gnss.spike_probability:g} %",
+        "reference": "simulation truth",
+    }
     return LogMetadata(
         name=name,
         source=source,
@@ -235,7 +245,7 @@ def describe(
         gnss_latency=grade.gnss.latency,
         odometer_latency=grade.odometer.latency,
         interval_means=("imu",),
-        sensors=dict.fromkeys(("imu", "odometer", "fixes"), sensor),
+        sensors=sensors,
         is_truth=True,
         extra={"simulated": True, "profile": profile, "grade": grade.name, "seed": seed},
     )
