@@ -5,7 +5,7 @@ after its end, and no reference at all. Leaks are shut out by absence, not by pr
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
@@ -16,6 +16,7 @@ from tqdm import tqdm
 from navlearn.errors import ConfigError, FilterDivergedError, FitError, LogError
 from navlearn.logs.drive_log import DriveLog
 from navlearn.outages.dynamics import classify_outage
+from navlearn.outages.known_log import known_log
 from navlearn.outages.metrics import (
     FIGURES,
     check_solution,
@@ -98,7 +99,7 @@ def replay(
     """Replay every outage with every method and score the solutions by the reference.
 
     Args:
-        log: The drive, with everything in it; methods see :func:`known_log` of it only.
+        log: The drive, with everything in it; methods see its :func:`known_log` only.
         outages: In order of time, not overlapping.
         methods: By name.
         store: Folder in which finished solutions are kept, so that an interrupted run goes on
@@ -139,25 +140,6 @@ def replay(
                 bar.update()
     ordered = [rows[name, k + 1] for name in methods for k in range(len(outages))]
     return Replay(rows=_table(ordered), solutions=solutions, errors=errors)
-
-
-def known_log(log: DriveLog, outage: Outage) -> DriveLog:
-    """Return what a navigator can know by the end of an outage.
-
-    Args:
-        log: The whole drive.
-        outage: The outage.
-
-    Returns:
-        The log without fixes from the outage's start, without sensor samples after its end,
-        without reference.
-    """
-    return replace(
-        log.without_fixes_from(outage.start),
-        imu=_until(log.imu, outage.end),
-        odometer=_until(log.odometer, outage.end),
-        reference=None,
-    )
 
 
 def join_replays(replays: Sequence[Replay]) -> pd.DataFrame:
@@ -251,10 +233,6 @@ def _table(rows: list[dict[str, object]]) -> pd.DataFrame:
     return table[
         [*(c for c in table.columns if c not in (*FIGURES, "failure")), *FIGURES, "failure"]
     ]
-
-
-def _until(table: pd.DataFrame, end: float) -> pd.DataFrame:
-    return table[table["t"] <= end]
 
 
 def _check(log: DriveLog, outages: Sequence[Outage], methods: Mapping[str, Method]) -> None:

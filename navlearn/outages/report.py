@@ -177,8 +177,8 @@ def _protocol_text(protocol: OutageProtocol) -> str:
             f"{protocol.min_mean_speed:g} m/s (half of that in stops)"
         )
     return (
-        f"\n**Protocol.** {where}{rules}. From an outage's start on no fix exists for any method, "
-        "before or after its end. Not scored is where the reference has a hole longer than "
+        f"\n**Protocol.** {where}{rules}. From its start on, within an outage and after it, no fix "
+        "exists for any method. Not scored is where the reference has a hole longer than "
         f"{protocol.max_reference_interval:g} s, or slides more than "
         f"{protocol.max_reference_slip:g} m against its own velocity within "
         f"{protocol.slip_span:g} s.\n"

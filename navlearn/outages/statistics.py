@@ -1,9 +1,4 @@
-"""What many outages say about a method: averages, and how sure its gain over a baseline is.
-
-The gain is a ratio of means, with a paired percentile bootstrap interval drawn by drive where
-there are several, else by outage: outages of one drive are not independent. The percentiles are
-taken further out for few units, [Hesterberg2015]: plain ones are too narrow there.
-"""
+"""What many outages say about a method: averages, and how sure its gain over a baseline is."""
 
 import math
 from dataclasses import dataclass
@@ -13,7 +8,7 @@ import pandas as pd
 from scipy import stats
 
 from navlearn.errors import ConfigError
-from navlearn.outages.track import Array
+from navlearn.outages.bootstrap import bootstrap_interval, improvement
 
 HEADLINE = "max_horizontal_error_m"
 HARM = 1.1
@@ -154,68 +149,6 @@ def compare(
         harm_count=int((mine > HARM * other).sum()) + failed,
         verdict=verdict_of(low, high, count),
     )
-
-
-def improvement(ours: Array, theirs: Array) -> float:
-    """Return by how many percent the mean error is smaller than the baseline's.
-
-    Args:
-        ours: Errors of the method, shape (N,).
-        theirs: Errors of the baseline in the same outages, shape (N,).
-    """
-    total = float(theirs.sum())
-    return 100.0 * (1.0 - float(ours.sum()) / total) if total > 0.0 else math.nan
-
-
-def bootstrap_interval(
-    ours: Array,
-    theirs: Array,
-    units: np.ndarray,
-    *,
-    confidence: float = 0.95,
-    resamples: int = 5000,
-    seed: int = 0,
-) -> tuple[float, float]:
-    """Return the percentile bootstrap interval of :func:`improvement`, drawn by unit.
-
-    Args:
-        ours: Errors of the method, shape (N,).
-        theirs: Errors of the baseline in the same outages, shape (N,).
-        units: What is drawn with all its outages together, shape (N,).
-        confidence: Of the interval.
-        resamples: Draws.
-        seed: Of the draws.
-
-    Returns:
-        Lower and upper end, %; NaN where there is nothing to draw from.
-    """
-    names, member = np.unique(units, return_inverse=True)
-    if names.size == 0:
-        return math.nan, math.nan
-    sums = np.stack([np.bincount(member, weights=w) for w in (ours, theirs)])
-    picks = np.random.default_rng(seed).integers(names.size, size=(resamples, names.size))
-    mine, other = sums[:, picks].sum(axis=2)
-    if (other <= 0.0).any():
-        return math.nan, math.nan
-    tail = 100.0 * tail_probability(names.size, confidence)
-    low, high = np.percentile(100.0 * (1.0 - mine / other), [tail, 100.0 - tail])
-    return float(low), float(high)
-
-
-def tail_probability(units: int, confidence: float = 0.95) -> float:
-    """Return the share of bootstrap draws to leave out at either end.
-
-    [Hesterberg2015], the expanded percentile interval: for a mean of normal values it is
-    as wide as Student's interval.
-
-    Args:
-        units: How many units are drawn from.
-        confidence: Of the interval.
-    """
-    if units < 2:
-        return 0.0
-    student = stats.t.ppf(0.5 * (1.0 - confidence), units - 1)
-    return float(stats.norm.cdf(math.sqrt(units / (units - 1)) * student))
 
 
 def verdict_of(low: float, high: float, units: int) -> str:

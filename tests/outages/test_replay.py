@@ -8,8 +8,9 @@ import pytest
 
 from navlearn.errors import ConfigError, FilterDivergedError, LogError, ShapeError
 from navlearn.logs.drive_log import DriveLog
+from navlearn.outages.known_log import known_log
 from navlearn.outages.metrics import FIGURES
-from navlearn.outages.replay import Solution, join_replays, known_log, replay
+from navlearn.outages.replay import Solution, join_replays, replay
 from navlearn.outages.schedule import Outage
 
 MakeLog = Callable[..., DriveLog]

@@ -6,15 +6,8 @@ import pytest
 from scipy import stats
 
 from navlearn.errors import ConfigError
-from navlearn.outages.statistics import (
-    averages,
-    bootstrap_interval,
-    compare,
-    improvement,
-    method_table,
-    tail_probability,
-    verdict_of,
-)
+from navlearn.outages.bootstrap import bootstrap_interval, improvement, tail_probability
+from navlearn.outages.statistics import averages, compare, method_table, verdict_of
 
 METRIC = "max_horizontal_error_m"
 
