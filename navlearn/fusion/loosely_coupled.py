@@ -11,6 +11,7 @@ import torch
 from torch import Tensor, nn
 
 from navlearn.filters.belief import Belief
+from navlearn.fusion.fast import run_fast
 from navlearn.fusion.filter_model import filter_model
 from navlearn.fusion.history import FilterHistory
 from navlearn.fusion.noise import EkfNoise, log_noise, noise_from_log
@@ -81,6 +82,10 @@ class LooselyCoupledEkf(nn.Module):
         line = timeline(self.model, samples, fixes, timing)
         if method == "sequential":
             return run_loop(self.model, start, line, self.noise, predict_in_turn, method)
+        if method == "fast":
+            done = run_fast(self.model, start, line, self.noise)
+            if done is not None:
+                return done
         return run_loop(self.model, start, line, self.noise, predict_composed, "exact")
 
 

@@ -245,15 +245,17 @@ def path_in_blocks(
     """
     begin = starts_of_blocks(start, after)
     ahead = predict_blocks(model, begin, line.samples, line.acceleration, noise)
-    return path_of_prediction(begin.state, ahead)
+    return path_of_prediction(begin.state, begin.state, ahead)
 
 
-def path_of_prediction(begin: NavState, ahead: Prediction) -> Trajectory:
-    """Return the path inside blocks of their prediction.
+def path_of_prediction(begin: NavState, shifted: NavState, ahead: Prediction) -> Trajectory:
+    """Return the path inside blocks, as predicted and then started elsewhere.
 
     Args:
-        begin: State at the start of each block, shape (...) each.
-        ahead: Prediction from there.
+        begin: State at the start of each block from which it was predicted, shape (...) each.
+        shifted: State nearby from which the path shall start; the path turns with its azimuth,
+            to first order.
+        ahead: Prediction from ``begin``.
 
     Returns:
         Trajectory, shape (..., n) each.
@@ -268,10 +270,14 @@ def path_of_prediction(begin: NavState, ahead: Prediction) -> Trajectory:
         east, north, up = east + more[0], north + more[1], up + more[2]
         extra = ahead.velocity_offset.unsqueeze(-2).unbind(-1)
         v_e, v_n, v_u = v_e + extra[0], v_n + extra[1], v_u + extra[2]
-    lat = begin.lat.unsqueeze(-1) + north * moved.per_lat.unsqueeze(-1)
-    lon = begin.lon.unsqueeze(-1) + east * moved.per_lon.unsqueeze(-1)
-    height = begin.height.unsqueeze(-1) + up
-    azimuth = begin.azimuth.unsqueeze(-1) + torch.cumsum(moved.turn, -1)
+    if shifted is not begin:
+        turn = (shifted.azimuth - begin.azimuth).unsqueeze(-1)
+        east, north = east + north * turn, north - east * turn
+        v_e, v_n = v_e + v_n * turn, v_n - v_e * turn
+    lat = shifted.lat.unsqueeze(-1) + north * moved.per_lat.unsqueeze(-1)
+    lon = shifted.lon.unsqueeze(-1) + east * moved.per_lon.unsqueeze(-1)
+    height = shifted.height.unsqueeze(-1) + up
+    azimuth = shifted.azimuth.unsqueeze(-1) + torch.cumsum(moved.turn, -1)
     return Trajectory(lat, lon, height, azimuth, v_e, v_n, v_u)
 
 
