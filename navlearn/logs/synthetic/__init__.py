@@ -1,7 +1,8 @@
 """Synthetic drives: profiles, error-free sensors by inverse mechanization, sensor grades."""
 
 from navlearn.logs.synthetic.degrade import degrade_gyro
-from navlearn.logs.synthetic.grades import GRADES, SensorGrade
+from navlearn.logs.synthetic.figures import SensorGrade
+from navlearn.logs.synthetic.grades import GRADES
 from navlearn.logs.synthetic.jaradat2017 import jaradat2017_scenario
 from navlearn.logs.synthetic.recorded import motion_from_trajectory
 from navlearn.logs.synthetic.simulate import SimulatedDrive, simulate_drive

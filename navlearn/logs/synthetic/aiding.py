@@ -9,7 +9,7 @@ import torch
 from navlearn import attitude, earth
 from navlearn.frames import shift_geodetic
 from navlearn.logs.synthetic.draws import Array, gauss_markov, generator
-from navlearn.logs.synthetic.grades import GnssGrade, OdometerGrade
+from navlearn.logs.synthetic.figures import GnssGrade, OdometerGrade
 from navlearn.logs.synthetic.inertial_errors import quantise
 from navlearn.logs.synthetic.inverse import Truth, body_rate
 

@@ -7,9 +7,10 @@ import numpy as np
 from navlearn.errors import LogError
 from navlearn.logs.drive_log import DriveLog
 from navlearn.logs.synthetic.draws import Array
-from navlearn.logs.synthetic.grades import SensorGrade, find_grade
+from navlearn.logs.synthetic.figures import SensorGrade
+from navlearn.logs.synthetic.grades import find_grade
 from navlearn.logs.synthetic.inertial_errors import AXES, gyro_errors, warming
-from navlearn.logs.synthetic.simulate import START_TEMPERATURE, thermometer
+from navlearn.logs.synthetic.log_parts import START_TEMPERATURE, thermometer
 
 
 def degrade_gyro(log: DriveLog, grade: str | SensorGrade = "mems_l", seed: int = 0) -> DriveLog:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from navlearn.logs.synthetic.draws import Array, gauss_markov, generator, random_walk, white_noise
-from navlearn.logs.synthetic.grades import AccelerometerGrade, GyroGrade
+from navlearn.logs.synthetic.figures import AccelerometerGrade, GyroGrade
 
 STANDARD_GRAVITY = 9.80665
 """m/s² in one g of a data sheet."""

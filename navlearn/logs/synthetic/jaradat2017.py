@@ -19,23 +19,18 @@ from navlearn import attitude, earth, frames, wgs84
 from navlearn.logs.drive_log import DriveLog
 from navlearn.logs.synthetic.aiding import fix_table, local_gravity, reference_table
 from navlearn.logs.synthetic.draws import Array, generator
-from navlearn.logs.synthetic.grades import (
+from navlearn.logs.synthetic.figures import (
     AccelerometerGrade,
     GnssGrade,
     GyroGrade,
     SensorGrade,
-    find_grade,
 )
+from navlearn.logs.synthetic.grades import find_grade
 from navlearn.logs.synthetic.inertial_errors import accelerometer_errors, gyro_errors
 from navlearn.logs.synthetic.inverse import Truth
+from navlearn.logs.synthetic.log_parts import START_TEMPERATURE, describe, imu_table
 from navlearn.logs.synthetic.motion import Kinematics
-from navlearn.logs.synthetic.simulate import (
-    ORIGIN,
-    START_TEMPERATURE,
-    SimulatedDrive,
-    describe,
-    imu_table,
-)
+from navlearn.logs.synthetic.simulate import ORIGIN, SimulatedDrive
 
 DURATION = 100.0
 """s."""

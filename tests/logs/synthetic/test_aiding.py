@@ -9,7 +9,7 @@ import torch
 
 from navlearn.frames import enu_between
 from navlearn.logs.synthetic.aiding import antenna, fix_errors, fix_table, odometer_table
-from navlearn.logs.synthetic.grades import GnssGrade, OdometerGrade
+from navlearn.logs.synthetic.figures import GnssGrade, OdometerGrade
 from navlearn.logs.synthetic.inverse import Truth, integrate, truth_at
 from navlearn.logs.synthetic.motion import Motion
 from navlearn.logs.synthetic.profile import draw_motion

@@ -7,12 +7,8 @@ import numpy as np
 import pytest
 
 from navlearn.errors import ConfigError
-from navlearn.logs.synthetic.grades import (
-    GRADES,
-    AccelerometerGrade,
-    GyroGrade,
-    find_grade,
-)
+from navlearn.logs.synthetic.figures import AccelerometerGrade, GyroGrade
+from navlearn.logs.synthetic.grades import GRADES, find_grade
 from navlearn.logs.synthetic.inertial_errors import (
     STANDARD_GRAVITY,
     accelerometer_errors,
