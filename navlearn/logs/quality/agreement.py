@@ -1,4 +1,4 @@
-"""Whether sensors agree with each other: turns, speeds, forces."""
+"""Whether yaw rate and odometer agree with the track: sign, unit, axis, scale, bias."""
 
 from typing import Literal
 
@@ -7,8 +7,10 @@ import numpy as np
 from navlearn.logs.drive_log import DriveLog
 from navlearn.logs.quality.calibration import (
     reading_at_rest,
+    speed_ratio,
     vertical_earth_rate,
 )
+from navlearn.logs.quality.comparisons import turn_comparison
 from navlearn.logs.quality.delay_fit import fit_delay
 from navlearn.logs.quality.findings import Part, Severity
 from navlearn.logs.quality.latency import (
@@ -16,8 +18,6 @@ from navlearn.logs.quality.latency import (
     Estimate,
     Latency,
     compare,
-    gain_comparison,
-    turn_comparison,
 )
 from navlearn.logs.quality.signals import standstill
 
@@ -139,14 +139,10 @@ def _check_axes(part: Part, log: DriveLog, *, gyro_z: Latency | None) -> None:
 def check_speed(log: DriveLog) -> Part:
     """Compare the odometer with the speed of the fixes, or of the reference without them."""
     part = Part()
-    found = compare(log, "odometer", "fixes")
-    if isinstance(found, str):
-        by_reference = compare(log, "odometer", "reference")
-        found = by_reference if not isinstance(by_reference, str) else found
-    if isinstance(found, str):
-        part.not_observable["odometer_scale"] = found
+    scale = speed_ratio(log, "fixes") or speed_ratio(log, "reference")
+    if scale is None:
+        part.not_observable["odometer_scale"] = "no odometer, or no track in motion beside it"
         return part
-    scale = Estimate(found.scale, found.scale_std)
     _note(part, "odometer_scale", scale)
     _judge_odometer_scale(part, scale.value)
     return part
@@ -172,48 +168,4 @@ def _judge_odometer_scale(part: Part, value: float) -> None:
             found,
             "a scale within 3 % of one",
             "divide by the scale, or let the filter estimate it from a wide start",
-        )
-
-
-def check_forces(log: DriveLog) -> Part:
-    """Compare the accelerometer with the odometer's gain and with the turns."""
-    part = Part()
-    laid = gain_comparison(log, "odometer")
-    if isinstance(laid, str):
-        part.not_observable["accel_y_scale"] = laid
-        return part
-    own = compare(log, "odometer", "imu")
-    if isinstance(own, str):
-        part.not_observable["accel_y_scale"] = own
-    else:
-        part.figures["accel_y_correlation"] = own.correlation
-        if own.scale < 0.0:
-            part.add(
-                "error",
-                "forward force sign",
-                "imu accel_y",
-                f"the car speeds up where accel_y is negative (factor {own.scale:.2f})",
-                "positive when the car speeds up",
-                "turn the axis in the descriptor",
-            )
-    _check_sideways(part, log, 0.0 if isinstance(own, str) else own.correlation)
-    return part
-
-
-def _check_sideways(part: Part, log: DriveLog, own: float) -> None:
-    if "accel_x" not in log.imu:
-        return
-    laid = gain_comparison(log, "odometer", along="accel_x")
-    if isinstance(laid, str) or len(laid.t) < 20:
-        return
-    fit = fit_delay(laid.t, laid.observed, laid.design, weight=laid.weight, limit=LIMIT)
-    if fit is not None and fit.correlation > max(0.6, own + 0.2):
-        part.add(
-            "error",
-            "swapped accelerometer axes",
-            "imu accel_x, accel_y",
-            f"accel_x follows the gain of speed (correlation {fit.correlation:.2f}), "
-            f"accel_y less (correlation {own:.2f})",
-            "y forward, following the gain of speed",
-            "map the axes in the descriptor: x right, y forward, z up",
         )

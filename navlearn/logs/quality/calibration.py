@@ -5,17 +5,18 @@ time is looked at, so that a calibration made before an outage may be used in it
 """
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from navlearn import wgs84
 from navlearn.logs.drive_log import DriveLog
+from navlearn.logs.quality.comparisons import gain_comparison, speed_comparison
 from navlearn.logs.quality.latency import (
     Estimate,
     Latency,
     compare,
     fitted_latency,
-    gain_comparison,
     ordered,
 )
 from navlearn.logs.quality.signals import Array, column, standstill
@@ -52,8 +53,33 @@ def odometer_scale(log: DriveLog, *, until: float | None = None) -> Estimate | N
         log: The log.
         until: Nothing at or after this time is used, s.
     """
-    found = compare(ordered(log, until=until), "odometer", "fixes")
-    return None if isinstance(found, str) else Estimate(found.scale, found.scale_std)
+    return speed_ratio(ordered(log, until=until), "fixes")
+
+
+def speed_ratio(log: DriveLog, table: Literal["fixes", "reference"]) -> Estimate | None:
+    """Return the odometer's speed per speed of a track, or None.
+
+    With its latency where that can be told; otherwise, as at constant speed, without.
+
+    Args:
+        log: The log, in order.
+        table: What is taken as true.
+    """
+    found = compare(log, "odometer", table)
+    if not isinstance(found, str):
+        return Estimate(found.scale, found.scale_std)
+    laid = speed_comparison(log, table)
+    if isinstance(laid, str):
+        return None
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = laid.observed / laid.design(np.zeros(len(laid.t)))[:, 0]
+    ratio = ratio[np.isfinite(ratio)]
+    if len(ratio) < 20:
+        return None
+    middle = float(np.median(ratio))
+    spread = 1.4826 * float(np.median(np.abs(ratio - middle)))
+    # 1.25: the median's spread against the mean's; two values in a row share one fix.
+    return Estimate(middle, 1.25 * spread * float(np.sqrt(2.0 / len(ratio))) + 1e-12)
 
 
 def gyro_bias_at_rest(log: DriveLog, *, until: float | None = None) -> Estimate | None:

@@ -2,10 +2,12 @@
 
 from navlearn.logs.drive_log import DriveLog
 from navlearn.logs.quality.accuracy import check_accuracy
-from navlearn.logs.quality.agreement import check_forces, check_speed, check_turns
+from navlearn.logs.quality.agreement import check_speed, check_turns
 from navlearn.logs.quality.channels import check_channels
 from navlearn.logs.quality.clocks import check_clocks
+from navlearn.logs.quality.consistency import check_consistency
 from navlearn.logs.quality.findings import QualityReport, assemble
+from navlearn.logs.quality.forces import check_forces
 from navlearn.logs.quality.latency import ordered
 from navlearn.logs.quality.timing import check_timing
 from navlearn.logs.quality.units import check_units, in_radians
@@ -16,6 +18,7 @@ _CHECKS = (
     check_clocks,
     check_forces,
     check_accuracy,
+    check_consistency,
     check_channels,
 )
 

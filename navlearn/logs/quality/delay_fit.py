@@ -120,7 +120,13 @@ def _absolute_cost(y: Array, x: Array) -> float:
 
 
 def _solve(x: Array, y: Array) -> Array:
-    return np.asarray(np.linalg.lstsq(x, y, rcond=None)[0], dtype=np.float64)
+    # Normal equations with columns of one size: few columns, and the fit is repeated often.
+    size = np.sqrt(np.sum(x * x, axis=0))
+    scaled = x / np.where(size > 0.0, size, 1.0)
+    normal = scaled.T @ scaled + 1e-12 * np.eye(x.shape[1])
+    return np.asarray(np.linalg.solve(normal, scaled.T @ y), dtype=np.float64) / np.where(
+        size > 0.0, size, 1.0
+    )
 
 
 def _gauss_newton(

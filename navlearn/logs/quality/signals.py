@@ -4,12 +4,14 @@ Arrays are NumPy float64. Headings here are anticlockwise from east, like the in
 rate, so that one may be compared with the other without a sign; all are unwrapped.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 import torch
 from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
 
 from navlearn.frames import enu_between
 from navlearn.logs.drive_log import DriveLog
@@ -165,19 +167,20 @@ def standstill(log: DriveLog, *, margin: float = 2.0, speed: float = 0.05) -> Ma
     return still
 
 
-def resampled(t: Array, x: Array, at: Array, *, longest: float) -> Array:
-    """Return a smooth signal at other times, NaN outside it and inside its gaps.
+def curve_through(t: Array, x: Array, *, longest: float) -> Callable[[Array], Array]:
+    """Return a smooth signal as a function of time, NaN outside it and inside its gaps.
 
     Args:
         t: Times of the samples, increasing, s.
         x: Samples.
-        at: Times wanted, s.
         longest: Intervals longer than this are gaps, s.
     """
-    from scipy.interpolate import PchipInterpolator
-
     if len(t) < 2:
-        return np.full(len(at), np.nan)
-    values = np.asarray(PchipInterpolator(t, x, extrapolate=False)(at), dtype=np.float64)
-    right = np.clip(np.searchsorted(t, at), 1, len(t) - 1)
-    return np.where(t[right] - t[right - 1] > longest, np.nan, values)
+        return lambda at: np.full(len(at), np.nan)
+    through = PchipInterpolator(t, x, extrapolate=False)
+
+    def curve(at: Array) -> Array:
+        right = np.clip(np.searchsorted(t, at), 1, len(t) - 1)
+        return np.where(t[right] - t[right - 1] > longest, np.nan, through(at))
+
+    return curve

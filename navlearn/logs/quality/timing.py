@@ -62,7 +62,7 @@ def _check_order(part: Part, name: str, t: Array) -> None:
 def _measure(part: Part, name: str, t: Array) -> None:
     if len(t) < 2:
         return
-    interval = median_interval(t)
+    interval = max(median_interval(t), 1e-9)
     step = np.diff(t)
     regular = step < 1.5 * interval
     part.figures[f"{name}_rate_hz"] = 1.0 / interval
