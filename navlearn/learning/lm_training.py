@@ -22,7 +22,7 @@ from navlearn.learning.levenberg_marquardt import (
 from navlearn.learning.options import TrainingOptions
 from navlearn.learning.windows import Windows
 
-OPEN_LOOP_ITERATIONS = 10
+COMPARED_ITERATIONS = 3
 
 
 class TrainingOutcome(NamedTuple):
@@ -175,9 +175,10 @@ def lm_options(problem: AnarxLeastSquares, training: TrainingOptions, iterations
 def best_start(
     model: Anarx, train: Windows, problem: AnarxLeastSquares, training: TrainingOptions
 ) -> LmState:
-    """Return the best of several starts after a few iterations each, counted from zero.
+    """Return the best of several random starts, counted from iteration zero.
 
-    In closed loop each draw starts twice: without feedback, and from a fit one step ahead.
+    Every draw is first improved one step ahead, which is cheap. In closed loop the best of these
+    and the best start without feedback get a few iterations each, and the better goes on.
 
     Args:
         model: Network with its scaling set.
@@ -189,29 +190,29 @@ def best_start(
         FitError: No start gives a finite loss.
     """
     generator = torch.Generator().manual_seed(training.seed)
-    trial = lm_options(problem, training, training.start_iterations)
     ahead = AnarxLeastSquares(model, train, closed=False) if problem.closed else problem
-    best: LmState | None = None
+    polish = lm_options(ahead, training, training.start_iterations)
+    with_feedback: list[LmState] = []
+    without: list[LmState] = []
     for _ in range(training.starts):
         theta = random_start(ahead, generator, feedback=True)
-        candidates = [theta]
+        theta = levenberg_marquardt(ahead, theta, polish).theta
+        with_feedback.append(start_state(theta)._replace(cost=problem.cost(theta)))
         if problem.closed:
-            options = lm_options(ahead, training, OPEN_LOOP_ITERATIONS)
-            candidates = [
-                levenberg_marquardt(ahead, theta, options).theta,
-                random_start(problem, generator, feedback=False),
-            ]
-        for candidate in candidates:
-            if not problem.cost(candidate) < float("inf"):
-                continue
-            state = levenberg_marquardt(problem, candidate, trial)
-            cost = problem.cost(state.theta) + 0.5 * trial.ridge * float(state.theta @ state.theta)
-            state = state._replace(cost=cost)
-            if best is None or cost < best.cost:
-                best = state
-    if best is None:
+            theta = random_start(problem, generator, feedback=False)
+            without.append(start_state(theta)._replace(cost=problem.cost(theta)))
+    finalists = [
+        min(states, key=lambda state: state.cost)
+        for kind in (with_feedback, without)
+        if (states := [state for state in kind if state.cost < float("inf")])
+    ]
+    if not finalists:
         raise FitError(
             f"none of {training.starts} starts gives a finite loss; look at the scale of the "
             "targets, or raise starts"
         )
-    return start_state(best.theta)._replace(damping=best.damping, cost=best.cost)
+    if len(finalists) > 1:
+        trial = lm_options(problem, training, COMPARED_ITERATIONS)
+        finalists = [levenberg_marquardt(problem, state, trial) for state in finalists]
+    best = min(finalists, key=lambda state: state.cost)
+    return start_state(best.theta)._replace(damping=best.damping)

@@ -22,7 +22,7 @@ class TrainingOptions:
         patience: Iterations without a better validation loss before training stops.
         seed: Seed of initial weights and batches.
         starts: Random starts of which the best goes on.
-        start_iterations: Iterations of LM that a start is given before they are compared.
+        start_iterations: Iterations of LM, one step ahead, that each start is given.
         ridge: Weight of the mean square of the weights' penalty beside the mean square residual.
         learning_rate: Step size of Adam.
         batch_size: Windows per step of Adam; 0 takes all at once.
@@ -38,7 +38,7 @@ class TrainingOptions:
     patience: int = 10
     seed: int = 0
     starts: int = 2
-    start_iterations: int = 3
+    start_iterations: int = 5
     ridge: float = 1e-4
     learning_rate: float = 1e-2
     batch_size: int = 0
