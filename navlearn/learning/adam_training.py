@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from lightning.pytorch import Callback, LightningModule, Trainer
-from lightning.pytorch.callbacks import EarlyStopping, ModelCheckpoint
+from lightning.pytorch.callbacks import EarlyStopping
 from tqdm import tqdm
 from typing_extensions import override
 
@@ -29,12 +29,16 @@ class EpochLog(Callback):
 
     Args:
         digest: Fingerprint of data and options, written into every checkpoint.
-        epochs: Epochs at the most.
+        training: Options.
         progress: Shows a progress bar.
+        path: Checkpoint, or None.
     """
 
-    def __init__(self, digest: str, epochs: int, progress: bool) -> None:
-        self.digest, self.epochs, self.progress = digest, epochs, progress
+    def __init__(
+        self, digest: str, training: TrainingOptions, progress: bool, path: Path | None
+    ) -> None:
+        self.digest, self.progress, self.path = digest, progress, path
+        self.epochs, self.every = training.max_iterations, training.checkpoint_every
         self.train: list[float] = []
         self.valid: list[float] = []
         self.best = 0
@@ -54,7 +58,7 @@ class EpochLog(Callback):
 
     @override
     def on_train_epoch_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Note the losses of the epoch; validation ran before."""
+        """Note the losses of the epoch, whose validation ran before, and write a checkpoint."""
         losses = trainer.callback_metrics
         self.train.append(float(losses["train"]))
         if "valid" in losses:
@@ -69,6 +73,13 @@ class EpochLog(Callback):
             shown = ", ".join(f"{k} {float(v):.4g}" for k, v in sorted(losses.items()))
             self.bar.set_postfix_str(shown, refresh=False)
             self.bar.update(1)
+        done = trainer.current_epoch + 1
+        ended = trainer.should_stop or done == self.epochs
+        if self.path is not None and (ended or done % self.every == 0):
+            # Whole or not at all: a torn checkpoint is worse than an old one.
+            partial = self.path.with_suffix(".partial")
+            trainer.save_checkpoint(partial)
+            partial.replace(self.path)
 
     @override
     def teardown(self, trainer: Trainer, pl_module: LightningModule, stage: str) -> None:
@@ -123,13 +134,16 @@ def train_by_adam(
         resume: Goes on from the last checkpoint where there is one.
         digest: Fingerprint of data and options.
     """
-    resume_from: str | None = None
-    if checkpoint_dir is not None:
-        path = claim_checkpoint(checkpoint_dir, "last.ckpt", resume)
-        if path.exists():
-            read_checkpoint(path, digest)
-            resume_from = str(path)
-    if resume_from is None:
+    path = (
+        claim_checkpoint(checkpoint_dir, "adam.ckpt", resume)
+        if checkpoint_dir is not None
+        else None
+    )
+    resume_from: Path | None = None
+    if path is not None and path.exists():
+        read_checkpoint(path, digest)
+        resume_from = path
+    else:
         _start(model, train, training)
     task = AnarxTask(model, training, train.u.shape[1] - train.warmup)
     data = WindowDataModule(
@@ -138,28 +152,18 @@ def train_by_adam(
         batch_size=training.batch_size,
         seed=training.seed,
     )
-    log = EpochLog(digest, training.max_iterations, progress)
+    log = EpochLog(digest, training, progress, path)
     callbacks: list[Callback] = [log]
     if valid is not None:
         callbacks.append(EarlyStopping("valid", patience=training.patience, mode="min"))
     with _quiet(), tempfile.TemporaryDirectory() as scratch:
-        if checkpoint_dir is not None:
-            callbacks.append(
-                ModelCheckpoint(
-                    checkpoint_dir,
-                    save_last=True,
-                    save_top_k=0,
-                    every_n_epochs=training.checkpoint_every,
-                    save_on_train_epoch_end=True,
-                )
-            )
         trainer = Trainer(
             accelerator="cpu",
             devices=1,
             logger=False,
             max_epochs=training.max_iterations,
             callbacks=callbacks,
-            enable_checkpointing=checkpoint_dir is not None,
+            enable_checkpointing=False,
             enable_progress_bar=False,
             enable_model_summary=False,
             num_sanity_val_steps=0,

@@ -19,7 +19,7 @@ def some_windows(seed, count=10, rows=15):
     generator = torch.Generator().manual_seed(seed)
     u = torch.randn(count, rows, 2, generator=generator).double()
     noise = torch.randn(count, rows, 1, generator=generator).double()
-    y = torch.tanh(u[..., :1] + 0.5 * u[..., 1:] ** 2).cumsum(1) * 0.1 + 0.05 * noise
+    y = torch.tanh(2.0 * u[..., :1] * u[..., 1:]) + 0.05 * noise
     return Windows(u, y, torch.ones(count, rows).double(), 20.0 * torch.arange(count).double())
 
 
@@ -72,11 +72,9 @@ def test_the_loss_falls_and_the_best_epoch_is_kept():
     assert fitted.curves.train[-1] < 0.8 * fitted.curves.train[0]
     assert fitted.record.valid_loss == min(fitted.curves.valid)
     model = fitted.model
-    clear = int(model.count_clamped(VALID.u).sum()) == 0
     task = AnarxTask(model, training, 15)
     with torch.no_grad():
         loss = float(task.mean_square(pad_windows(model, check_windows(VALID))))
-    assert clear or loss > 0.0
     assert loss == pytest.approx(min(fitted.curves.valid), rel=1e-12)
 
 
