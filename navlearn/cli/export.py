@@ -32,8 +32,9 @@ def export(
         force=force,
         kind="torchscript" if to.suffix == ".pt" else "torch_export",
     )
+    typer.echo(f"Largest difference from the model on {report.rows} rows of the run:")
     for what, difference in report.differences.items():
-        typer.echo(f"{what} against the model on {report.rows} rows: {difference:.2g}")
+        typer.echo(f"  {what}: {difference:.2g}")
     typer.echo(f"Predictor: {report.path}")
 
 
