@@ -6,11 +6,12 @@ drive. GNSS messages reach the bus with a jitter of tens of milliseconds while t
 exact, so fixes are placed by their epoch (:mod:`navlearn.logs.formats.epochs`).
 """
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
 
 from navlearn.errors import LogError, LogNotFoundError, MissingExtraError
@@ -18,6 +19,8 @@ from navlearn.logs.assemble import Published, without_empty_fixes
 from navlearn.logs.descriptor import Descriptor
 from navlearn.logs.formats.epochs import clock_from_epochs, rows_of_epochs
 from navlearn.logs.formats.finding import listing
+from navlearn.logs.formats.mdf4 import refuse_truncated
+from navlearn.logs.interval_means import FloatArray
 
 PUBLISHED_AXES: Final = "UBR"
 """Where x, y and z of the CANmod.gps point in CSS Electronics' published drives."""
@@ -108,6 +111,7 @@ def _asammdf() -> Any:
 
 def _decode(file: Path, dbc: Path) -> dict[str, pd.DataFrame]:
     asammdf = _asammdf()
+    refuse_truncated(file)
     try:
         with asammdf.MDF(file) as raw:
             start = raw.header.start_time.timestamp()
@@ -133,7 +137,10 @@ def _joined(parts: list[dict[str, pd.DataFrame]], name: str) -> pd.DataFrame:
     return table.assign(t=table["t"] + (table["start"] - first)).drop(columns="start")
 
 
-def _signals(decoded: Any, names: Iterable[str], *, raw: bool = False) -> pd.DataFrame:
+def _signals(decoded: Any, names: Sequence[str], *, raw: bool = False) -> pd.DataFrame:
+    # A short file may lack a message that comes once a second.
+    if any(name not in decoded for name in names):
+        return pd.DataFrame(columns=["t", *names], dtype=np.float64)
     found = {name: decoded.get(name, raw=raw) for name in names}
     t = next(iter(found.values())).timestamps
     return pd.DataFrame(
@@ -158,11 +165,16 @@ def _gnss(decoded: Any) -> pd.DataFrame:
         rows = rows_of_epochs(epochs["t"].to_numpy(), values["t"].to_numpy())
         for signal in signals:
             known = values[signal].where(valid).to_numpy()
-            table[signal] = np.where(rows >= 0, known[rows], np.nan)
+            table[signal] = _picked(known, rows)
     satellites = _signals(decoded, ["Satellites"])
     rows = rows_of_epochs(epochs["t"].to_numpy(), satellites["t"].to_numpy())
-    table["satellites"] = np.where(rows >= 0, satellites["Satellites"].to_numpy()[rows], np.nan)
+    table["satellites"] = _picked(satellites["Satellites"].to_numpy(), rows)
     return table
+
+
+def _picked(values: FloatArray, rows: npt.NDArray[np.int64]) -> FloatArray:
+    padded = np.append(values, np.nan)
+    return np.where(rows >= 0, padded[rows], np.nan)
 
 
 def _odometer(frames: Any) -> pd.DataFrame:
