@@ -18,7 +18,7 @@ class RissOptions:
             relative to the ground. The transport rate goes with it.
         hold_stationary: Whether position and azimuth hold where ``stationary`` is 1.
         passes: Fixed-point passes of the parallel form, at most; a chunk stops when it has
-            converged to nanometres (3 passes for minutes of driving), ``tape`` takes them all.
+            converged to nanometres (3 passes for minutes of driving, 10 for two days), ``tape`` takes them all.
         gradient: ``adjoint`` differentiates the parallel form by its hand-written adjoint
             (reverse mode, once); ``tape`` by autograd (any order, forward mode, 20 times the
             memory).
@@ -28,7 +28,7 @@ class RissOptions:
     tilt_compensation: bool | None = None
     earth_rate: bool = True
     hold_stationary: bool = False
-    passes: int = 8
+    passes: int = 12
     gradient: Literal["adjoint", "tape"] = "adjoint"
 
     def __post_init__(self) -> None:

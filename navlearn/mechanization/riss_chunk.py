@@ -150,7 +150,7 @@ def adjoint_chunk(
 
     coupling = 0.0 if earth_rate == 0.0 else 1.0
     on_lat, on_turn = from_lat, from_azimuth
-    for _ in range(passes + 1):
+    for _ in range(passes):
         on_way = torch.addcmul(on_lon, radii.sin_lat, on_turn, value=coupling)
         at_azimuth = torch.addcmul(from_direction, on_way, slopes.lon_by_azimuth)
         at_azimuth.addcmul_(on_lat, slopes.lat_by_azimuth)
