@@ -17,11 +17,12 @@ class RissOptions:
         earth_rate: Whether the gyro senses the Earth rate; False for a yaw rate that is already
             relative to the ground. The transport rate goes with it.
         hold_stationary: Whether position and azimuth hold where ``stationary`` is 1.
-        passes: Fixed-point passes of the parallel form, at most; a chunk stops when it has
-            converged to nanometres (3 passes for minutes of driving, 10 for two days), ``tape`` takes them all.
+        passes: Fixed-point passes of the parallel form, at most. ``adjoint`` stops a chunk of time
+            when it has converged to 30 nm: 3 passes for minutes of driving, 10 for two days;
+            ``tape`` takes them all.
         gradient: ``adjoint`` differentiates the parallel form by its hand-written adjoint
-            (reverse mode, once); ``tape`` by autograd (any order, forward mode, 20 times the
-            memory).
+            (reverse mode, once); ``tape`` by autograd: any order and forward mode, at seven times
+            the memory and a third of the speed (``python benchmarks/mechanization.py``).
     """
 
     dimensions: Literal[2, 3] = 3
