@@ -64,7 +64,9 @@ def in_motion(log: DriveLog, t: Array) -> Mask | None:
         return np.asarray(np.interp(t, t_o[known], speed[known], left=0.0, right=0.0) > 1.0)
     track = track_of(log.fixes)
     if len(track.t_v) > 1:
-        return np.asarray(np.interp(t, track.t_v, track.speed, left=0.0, right=0.0) > 2.0)
+        # Differences of noisy positions move at a standstill too.
+        pace = 2.0 if track.measured else 5.0
+        return np.asarray(np.interp(t, track.t_v, track.speed, left=0.0, right=0.0) > pace)
     return None
 
 
@@ -193,7 +195,7 @@ def _check_saturated(part: Part, channel: str, t: Array, x: Array) -> None:
 def _check_stuck_odometer(part: Part, log: DriveLog) -> None:
     t, x = column(log.odometer, "t"), column(log.odometer, "speed")
     track = track_of(log.fixes)
-    if len(t) < 10 or len(track.t_v) < 10:
+    if len(t) < 10 or len(track.t_v) < 10 or not track.measured:
         return
     first, last = runs(x[1:] == x[:-1])
     stuck = []

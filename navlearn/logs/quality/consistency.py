@@ -90,7 +90,7 @@ def _check_slide(part: Part, name: str, t: Array, east: Array, north: Array) -> 
         part.add(
             "warning",
             "sliding reference",
-            f"reference at {t[worst]:.2f} s",
+            f"reference at {t[worst + window // 2]:.2f} s",
             f"position and velocity part by {path[worst]:.1f} m within 30 s",
             "a reference that follows its own velocity",
             "score no outage there",

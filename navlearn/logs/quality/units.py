@@ -38,7 +38,7 @@ def _check_position(part: Part, log: DriveLog, name: str) -> None:
             "error",
             "degrees for radians",
             f"{name} lat, lon",
-            f"latitude to {np.nanmax(np.abs(lat)):.6g}, longitude to {np.nanmax(np.abs(lon)):.6g}",
+            f"latitude to {_largest(lat):.6g}, longitude to {_largest(lon):.6g}",
             "latitude within ±1.571 rad, longitude within ±6.283 rad",
             "name the unit deg in the descriptor or turn the columns into radians",
         )
@@ -53,6 +53,10 @@ def _check_position(part: Part, log: DriveLog, name: str) -> None:
             "an empty field where there is no position",
             "make those rows NaN in the reader",
         )
+
+
+def _largest(x: Array) -> float:
+    return float(np.max(np.abs(x[np.isfinite(x)]), initial=0.0))
 
 
 def _check_sizes(part: Part, log: DriveLog) -> None:
