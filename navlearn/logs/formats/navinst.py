@@ -7,7 +7,6 @@ the ellipsoid. IMU samples are means over the interval that ends at their time: 
 they lag the reference's azimuth by 0.050 s, half their spacing.
 """
 
-import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
@@ -129,14 +128,12 @@ def _load(path: Path) -> dict[str, object]:
 
     try:
         variables: dict[str, object] = scipy.io.loadmat(path, squeeze_me=False)
-    except (OSError, ValueError, TypeError, EOFError, NotImplementedError, zlib.error) as error:
-        raise LogError(
-            f"{path.name}: not readable as a MATLAB 5 file ({path.stat().st_size} bytes; {error});"
-            " it is truncated or damaged: fetch it again"
-        ) from error
     except Exception as error:
         # A damaged file makes SciPy fail in many ways, private classes among them.
-        raise LogError(f"{path.name}: not readable as a MATLAB 5 file: {error}") from error
+        raise LogError(
+            f"{path.name}: not readable as a MATLAB 5 file ({path.stat().st_size} bytes; {error}); "
+            "it is truncated or damaged: fetch it again"
+        ) from error
     return variables
 
 
@@ -147,7 +144,10 @@ def _vector(path: Path, variables: Mapping[str, object], name: str) -> FloatArra
             f"{path.name}: no variable {name}; found {found}; a file cut short loses its last "
             "variables: fetch it again"
         )
-    return np.asarray(variables[name], dtype=np.float64).ravel()
+    try:
+        return np.asarray(variables[name], dtype=np.float64).ravel()
+    except (TypeError, ValueError) as error:
+        raise LogError(f"{path.name}: variable {name} is not numbers ({error})") from error
 
 
 def _table(path: Path, columns: Mapping[str, FloatArray]) -> pd.DataFrame:
@@ -176,6 +176,5 @@ def _imu(path: Path) -> pd.DataFrame:
         for axis in ("x", "y", "z"):
             if axis not in triad.dtype.names:
                 raise LogError(f"{path.name}: structure {variable} has no field {axis}")
-            values = triad[axis][0, 0]
-            columns[f"{prefix}_{axis}"] = np.asarray(values, dtype=np.float64).ravel()
+            columns[f"{prefix}_{axis}"] = _vector(path, {axis: triad[axis].flat[0]}, axis)
     return _table(path, columns)
