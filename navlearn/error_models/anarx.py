@@ -9,7 +9,6 @@ with the number of steps since the last fix among its inputs.
 """
 
 import math
-from dataclasses import dataclass
 
 import torch
 from torch import Tensor, nn
@@ -23,43 +22,12 @@ from navlearn.error_models.anarx_core import (
     held_state,
     one_step_ahead,
 )
-from navlearn.error_models.safeguard import clamp_to_range, count_outside
+from navlearn.error_models.anarx_options import AnarxOptions
+from navlearn.error_models.safeguard import clamp_and_standardise, count_outside
 from navlearn.error_models.scaling import Scaling, unit_scaling
-from navlearn.errors import ConfigError, ShapeError
+from navlearn.errors import ShapeError
 
-
-@dataclass(frozen=True, kw_only=True)
-class AnarxOptions:
-    """Shape of an ANARX network.
-
-    Attributes:
-        inputs: Number of regressors m.
-        outputs: Number of outputs p.
-        lags: Number of lags n, each with a hidden layer of its own.
-        hidden: Hidden units per lag.
-        activation: ``sigmoid`` or ``tanh``.
-        linear_path: Adds a direct linear term per lag; the paper has none.
-        safeguard: Clamps inputs to their training range and limits outputs.
-        output_limit: Limit of an output about its training mean, in training standard deviations.
-    """
-
-    inputs: int
-    outputs: int = 1
-    lags: int = 2
-    hidden: int = 5
-    activation: str = "sigmoid"
-    linear_path: bool = True
-    safeguard: bool = True
-    output_limit: float = 5.0
-
-    def __post_init__(self) -> None:
-        for name in ("inputs", "outputs", "lags", "hidden"):
-            if getattr(self, name) < 1:
-                raise ConfigError(f"anarx: {name} is {getattr(self, name)}; it must be at least 1")
-        if self.activation not in ("sigmoid", "tanh"):
-            raise ConfigError(f"anarx: activation {self.activation!r}; choose sigmoid or tanh")
-        if not self.output_limit > 0.0:
-            raise ConfigError(f"anarx: output_limit is {self.output_limit}; it must be positive")
+__all__ = ["Anarx", "AnarxOptions"]
 
 
 class Anarx(nn.Module):
@@ -141,7 +109,7 @@ class Anarx(nn.Module):
     def standardise_inputs(self, u: Tensor) -> Tensor:
         """Return inputs in standardised units, safeguarded, shape (..., m)."""
         if self.safeguard:
-            u = clamp_to_range(u, self.u_low, self.u_high, self.u_mean)
+            return clamp_and_standardise(u, self.u_low, self.u_high, self.u_mean, self.u_scale)
         return (u - self.u_mean) / self.u_scale
 
     @torch.jit.export
@@ -215,7 +183,7 @@ class Anarx(nn.Module):
         y, state = advance(
             self.weights(), self.sigmoid, self.limit, state, self.standardise_inputs(u)
         )
-        return self.y_mean + self.y_scale * y, state
+        return torch.addcmul(self.y_mean, self.y_scale, y), state
 
     @torch.jit.export
     def run(self, u: Tensor, state: Tensor) -> tuple[Tensor, Tensor]:
@@ -239,7 +207,7 @@ class Anarx(nn.Module):
             self.standardise_inputs(u).reshape(-1, u.shape[-2], self.inputs),
             start.reshape(-1, self.memory, self.outputs),
         )
-        return self.y_mean + self.y_scale * y.view_as(shaped), last.view_as(start)
+        return torch.addcmul(self.y_mean, self.y_scale, y.view_as(shaped)), last.view_as(start)
 
     def forward(self, u: Tensor, y_start: Tensor | None = None) -> Tensor:
         """Run in closed loop over windows.

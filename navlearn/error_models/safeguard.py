@@ -13,17 +13,19 @@ from torch import Tensor
 from navlearn.errors import ShapeError
 
 
-def clamp_to_range(values: Tensor, low: Tensor, high: Tensor, fallback: Tensor) -> Tensor:
-    """Return channels held inside their training range; what is NaN becomes the fallback.
+def clamp_and_standardise(
+    values: Tensor, low: Tensor, high: Tensor, mean: Tensor, scale: Tensor
+) -> Tensor:
+    """Return standardised channels, held inside their training range; NaN becomes the mean.
 
     Args:
-        values: Channels, shape (..., n).
+        values: Channels in physical units, shape (..., n).
         low: Smallest value seen in training, shape (n,).
         high: Largest value seen in training, shape (n,).
-        fallback: Stands in for NaN, usually the training mean, shape (n,).
+        mean: Training mean, shape (n,).
+        scale: Training spread, shape (n,).
     """
-    held = torch.clamp(values, low, high)
-    return torch.where(torch.isnan(held), fallback, held)
+    return torch.nan_to_num((torch.clamp(values, low, high) - mean) / scale, nan=0.0)
 
 
 def count_outside(values: Tensor, low: Tensor, high: Tensor) -> Tensor:

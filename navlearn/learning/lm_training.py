@@ -84,13 +84,10 @@ class _Progress:
             or state.iteration % self.training.checkpoint_every == 0
             or state.iteration == self.training.max_iterations
         ):
-            self._write(state._replace(stopped="patience") if patience_over else state)
+            self._write(self.path, state._replace(stopped="patience") if patience_over else state)
         return patience_over
 
-    def _write(self, state: LmState) -> None:
-        assert_path = self.path
-        if assert_path is None:
-            return
+    def _write(self, path: Path, state: LmState) -> None:
         content = {
             "fingerprint": self.digest,
             "state": state._asdict(),
@@ -99,7 +96,7 @@ class _Progress:
             "best": self.best,
             "best_theta": self.best_theta,
         }
-        write_checkpoint(assert_path, content)
+        write_checkpoint(path, content)
 
     def restore(self, content: dict[str, Any]) -> LmState:
         """Take up what a checkpoint holds."""

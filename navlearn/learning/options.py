@@ -23,7 +23,8 @@ class TrainingOptions:
         seed: Seed of initial weights and batches.
         starts: Random starts of which the best goes on.
         start_iterations: Iterations of LM, one step ahead, that each start is given.
-        ridge: Weight of the mean square of the weights' penalty beside the mean square residual.
+        ridge: The loss is the mean square residual plus this times the sum of squared weights, in
+            standardised units.
         learning_rate: Step size of Adam.
         batch_size: Windows per step of Adam; 0 takes all at once.
         first_horizon: Rows of a window that Adam scores at first; 0 scores all at once.

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from navlearn.error_models.safeguard import (
-    clamp_to_range,
+    clamp_and_standardise,
     count_outside,
     rolling_origin_gate,
 )
@@ -49,9 +49,10 @@ def test_scaling_refuses():
 def test_clamping_and_counting_agree():
     low, high = torch.tensor([-1.0, 0.0]), torch.tensor([1.0, 2.0])
     values = torch.tensor([[0.0, 1.0], [-3.0, 2.0], [torch.nan, 7.0], [1.0, torch.inf]])
-    held = clamp_to_range(values, low, high, torch.tensor([0.5, 0.5]))
+    mean, scale = torch.tensor([0.5, 1.0]), torch.tensor([2.0, 0.5])
+    held = clamp_and_standardise(values, low, high, mean, scale)
     expected = torch.tensor([[0.0, 1.0], [-1.0, 2.0], [0.5, 2.0], [1.0, 2.0]])
-    assert torch.equal(held, expected)
+    assert torch.equal(held, (expected - mean) / scale)
     assert count_outside(values, low, high).tolist() == [0, 1, 2, 1]
 
 

@@ -177,6 +177,27 @@ def test_variance_by_horizon_is_that_of_the_validation_runs():
         torch.testing.assert_close(fitted.model.prediction_variance(k), expected[k - 1])
 
 
+@pytest.mark.parametrize("objective", ["step", "accumulated"])
+def test_units_do_not_matter(objective):
+    """In other units of inputs and outputs training finds the same network."""
+    train, valid = noisy_windows()
+    training = TrainingOptions(max_iterations=5, objective=objective)
+    inputs, outputs = torch.tensor([100.0, 1e-3]).double(), 0.01
+
+    def convert(windows):
+        return windows._replace(
+            u=7.0 + inputs * windows.u, y=outputs * windows.y, y_start=outputs * windows.y_start
+        )
+
+    plain = fit_anarx(train, valid, FAMILY, training, progress=False)
+    other = fit_anarx(convert(train), convert(valid), FAMILY, training, progress=False)
+    with torch.no_grad():
+        expected = outputs * plain.model(valid.u, valid.y_start)
+        found = other.model(convert(valid).u, convert(valid).y_start)
+    torch.testing.assert_close(found, expected, rtol=1e-5, atol=1e-8)
+    assert other.record.valid_loss == pytest.approx(plain.record.valid_loss, rel=1e-6)
+
+
 def test_the_record_says_what_was_used():
     train, valid = noisy_windows()
     source = TrainingSource(logs=("drive",), inputs=("a", "b"), outputs=("c",), time_step=0.5)
