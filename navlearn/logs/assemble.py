@@ -11,7 +11,7 @@ from navlearn.logs.clock import from_first_sample, without_backsteps, without_la
 from navlearn.logs.columns import REQUIRED, TABLES
 from navlearn.logs.descriptor import Descriptor
 from navlearn.logs.drive_log import DriveLog, LogMetadata
-from navlearn.logs.validate import validate_log
+from navlearn.logs.validate import as_numbers, validate_log
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,7 +50,10 @@ def assemble(published: Published, descriptor: Descriptor) -> DriveLog:
         LogError: A table is missing or cannot be used as it is.
         ConfigError: The descriptor's axes are no right-handed triad.
     """
-    tables = dict(published.tables)
+    tables = {
+        name: as_numbers(published.files.get(name, name), table)
+        for name, table in published.tables.items()
+    }
     for name in ("imu", "odometer", "fixes"):
         if name not in tables:
             found = ", ".join(tables) or "none"

@@ -53,6 +53,19 @@ def label(log: DriveLog, table: str) -> str:
     return f"{log.metadata.source or log.metadata.name}: {table}"
 
 
+def as_numbers(where: str, table: pd.DataFrame) -> pd.DataFrame:
+    """Return a table with every column float64 and finite or NaN.
+
+    Args:
+        where: Name of the table in messages.
+        table: Table as read.
+
+    Raises:
+        LogError: A column holds something else than numbers, or infinity.
+    """
+    return pd.DataFrame({str(column): _numbers(where, str(column), table) for column in table})
+
+
 def _checked_table(log: DriveLog, name: str) -> pd.DataFrame:
     where, table = label(log, name), log.tables()[name]
     _require_columns(where, name, table)
@@ -61,7 +74,7 @@ def _checked_table(log: DriveLog, name: str) -> pd.DataFrame:
             f"{where}: found {len(table)} rows; a drive needs samples there; check that the file "
             "was written to its end"
         )
-    numbers = pd.DataFrame({str(column): _numbers(where, str(column), table) for column in table})
+    numbers = as_numbers(where, table)
     _require_increasing_time(where, numbers["t"].to_numpy())
     for column in REQUIRED[name]:
         _require_finite(where, name, column, numbers)

@@ -167,7 +167,9 @@ def _by_name(file: str, name: str, frame: pd.DataFrame) -> pd.DataFrame:
     for found in map(str, frame.columns):
         split = None if found in known else split_suffix(found, known)
         if split is None:
-            result[found] = frame[found]
+            # Texts under a name of the file's own are its affair; numbers may be of use.
+            if found in known or pd.api.types.is_numeric_dtype(frame[found]):
+                result[found] = frame[found]
         elif split[0] in frame or split[0] in result:
             raise LogError(f"{file}: {split[0]} is there twice, also as {found}; remove one")
         else:
@@ -180,7 +182,10 @@ def _scaled(file: str, values: pd.Series, factor: float) -> pd.Series:
     if pd.api.types.is_numeric_dtype(values):
         return values * factor if factor != 1.0 else values
     numeric = pd.to_numeric(values, errors="coerce")
-    row = int(np.argmax((numeric.isna() & values.notna()).to_numpy()))
+    wrong = (numeric.isna() & values.notna()).to_numpy()
+    if not wrong.any():
+        return numeric * factor
+    row = int(np.argmax(wrong))
     raise LogError(
         f"{file}: column {values.name} holds {values.iloc[row]!r} at row {row + 1}, expected "
         "numbers; leave a missing value empty"
