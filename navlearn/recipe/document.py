@@ -166,9 +166,10 @@ def recipe_for(
 
 
 def _source(log: Path, format: str | None) -> dict[str, Any]:
-    if format is None and log.suffix in {".yaml", ".yml"}:
+    if format is None and _is_yaml(log.name):
         return {"descriptor": log.absolute()}
-    return {"path": log.absolute(), "format": format}
+    layout = str(Path(format).absolute()) if format and _is_yaml(format) else format
+    return {"path": log.absolute(), "format": layout}
 
 
 def _spec_entry(entry: Any, file: YamlFile, index: int) -> Any:
@@ -187,14 +188,22 @@ def _spec_entry(entry: Any, file: YamlFile, index: int) -> Any:
 def _absolute(source: Mapping[str, Any], file: YamlFile) -> dict[str, Any]:
     """Return the log's entries with paths that do not depend on where they are read from."""
     placed = dict(source)
-    for key in ("descriptor", "path"):
+    keys = ["descriptor", "path"]
+    if _is_yaml(placed.get("format")):
+        keys.append("format")
+    for key in keys:
         if isinstance(placed.get(key), str):
             try:
-                placed[key] = (file.path.parent / placed[key]).resolve()
+                path = (file.path.parent / placed[key]).resolve()
             except (ValueError, RuntimeError):
                 where = file.where(("log", key))
                 raise ConfigError(f"{where}: {placed[key]!r} cannot be a path") from None
+            placed[key] = str(path)
     return placed
+
+
+def _is_yaml(name: object) -> bool:
+    return isinstance(name, str) and name.lower().endswith((".yaml", ".yml"))
 
 
 def _versions() -> dict[str, str]:

@@ -20,8 +20,8 @@ class LogSource(Section):
     Attributes:
         descriptor: YAML descriptor of a published log.
         path: Log file or folder, for logs that need no descriptor.
-        format: Reader of ``path``: ``native``, ``csv``, ``navinst`` or ``canedge``; recognised
-            where left out.
+        format: Reader of ``path``: ``native``, ``csv``, ``navinst`` or ``canedge``, or a descriptor
+            whose layout is applied; recognised where left out.
     """
 
     descriptor: Path | None = None

@@ -74,6 +74,14 @@ def test_simulated_drive_is_seeded_and_never_overwritten(drive: Path, tmp_path: 
     assert read_log(tmp_path).duration == pytest.approx(60.0, abs=0.1)
 
 
+def test_sample_is_the_drive_that_ships(tmp_path: Path) -> None:
+    invoke("simulate", "--sample", "--out", tmp_path / "sample")
+    shipped = Path(__file__).resolve().parents[2] / "datasets" / "sample_drive"
+    made, expected = read_log(tmp_path / "sample"), read_log(shipped)
+    pd.testing.assert_frame_equal(made.odometer, expected.odometer, rtol=0.0, atol=2e-3)
+    assert made.metadata.name == expected.metadata.name
+
+
 def test_unknown_grade_and_profile_are_refused(tmp_path: Path) -> None:
     assert "mems_m" in invoke("simulate", "--grade", "mems_q", "--out", tmp_path / "a", code=2)
     assert "town" in invoke("simulate", "--profile", "twn", "--out", tmp_path / "a", code=2)

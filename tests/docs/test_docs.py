@@ -1,5 +1,6 @@
 """Documents that state what the code states: they must not drift apart."""
 
+import dataclasses
 import re
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import pytest
 import yaml
 
 import navlearn
+from navlearn.export import PredictorMetadata
 from navlearn.logs.columns import REQUIRED, TABLES
 from navlearn.recipe import Recipe
 from navlearn.recipe.sections import OutageSection, TrainingSection
@@ -56,6 +58,12 @@ def test_recipe_page_shows_keys_and_defaults(heading: str, section: type[Section
 def test_recipe_page_shows_every_key_of_a_recipe() -> None:
     shown = [row[0].strip("`") for row in tables_of("docs/recipes.md")["Recipe"]]
     assert shown == list(Recipe.model_fields)
+
+
+def test_predictor_page_shows_every_entry_of_the_metadata() -> None:
+    shown = [row[0] for row in tables_of("docs/predictors.md")["Metadata"]]
+    names = [name for cell in shown for name in re.findall(r"`(\w+)`", cell)]
+    assert names == [field.name for field in dataclasses.fields(PredictorMetadata)]
 
 
 def test_every_cited_source_is_in_the_bibliography() -> None:

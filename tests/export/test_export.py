@@ -18,6 +18,7 @@ from navlearn.error_models.base import ACTS_ON, FittedErrorModel, TrainingSource
 from navlearn.error_models.regressors import CHANNELS, build_regressors
 from navlearn.errors import ConfigError, FitError, LogNotFoundError, OutputExistsError, ShapeError
 from navlearn.export import PredictorMetadata, describe, export_predictor, load_predictor
+from navlearn.export.example import load_example, save_example
 from navlearn.export.metadata import FORMAT, INPUT_UNITS, OUTPUT_UNITS
 
 Fitted = Callable[..., FittedErrorModel]
@@ -197,3 +198,13 @@ def test_metadata_that_are_not_ours(text: str) -> None:
         PredictorMetadata.from_json(text)
     with pytest.raises(ConfigError):
         PredictorMetadata.from_json(json.dumps({"format": FORMAT}))
+
+
+def test_example_comes_back_as_it_was(tmp_path: Path, make_inputs: Inputs) -> None:
+    save_example(make_inputs(9), tmp_path / "example.pt")
+    assert torch.equal(load_example(tmp_path / "example.pt"), make_inputs(9))
+    with pytest.raises(LogNotFoundError, match="run the recipe again"):
+        load_example(tmp_path / "absent.pt")
+    torch.save({"other": 1}, tmp_path / "other.pt")
+    with pytest.raises(ConfigError, match="no example inputs"):
+        load_example(tmp_path / "other.pt")

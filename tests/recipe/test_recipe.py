@@ -238,6 +238,14 @@ def test_recipe_for_takes_yaml_for_a_descriptor() -> None:
     assert recipe.models == ()
 
 
+def test_layout_of_another_descriptor_is_found_from_anywhere(tmp_path: Path) -> None:
+    text = "name: a\nlog: {path: drive, format: layouts/mine.yaml}\n"
+    recipe = load_recipe(write(tmp_path, text))
+    assert recipe.log.format == str(tmp_path.resolve() / "layouts" / "mine.yaml")
+    made = recipe_for("drive", "layouts/mine.yaml", methods=["ekf"])
+    assert made.log.format == str(Path("layouts/mine.yaml").absolute())
+
+
 @pytest.mark.parametrize("text", ["10", "x60", "0x60", "10x0", "10x-5", "ten", "10x60x3", ""])
 def test_outages_that_are_not_understood(text: str) -> None:
     with pytest.raises(ConfigError, match=r"10x60"):
