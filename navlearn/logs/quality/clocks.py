@@ -67,7 +67,11 @@ def _note_drift(part: Part, name: str, stream: Stream, found: Latency | str) -> 
 
 
 def _judge(part: Part, log: DriveLog, table: str, found: Estimate | None, stated: float) -> None:
-    expected = 0.0 if log.metadata.latency_removed else stated
+    removed = log.metadata.latency_removed
+    if removed:
+        name = "gnss" if table == "fixes" else table
+        part.figures[f"{name}_latency_removed_s"] = stated
+    expected = 0.0 if removed else stated
     if found is None or abs(found.value - expected) < max(0.08, 4.0 * found.std):
         return
     word = "late" if found.value > 0.0 else "early"
@@ -76,6 +80,6 @@ def _judge(part: Part, log: DriveLog, table: str, found: Estimate | None, stated
         "latency",
         table,
         f"stamped {abs(found.value):.2f} ± {found.std:.2f} s {word} against the IMU",
-        f"{expected:g} s by the metadata",
-        f"state the latency of the {table} ({found.value:+.2f} s) in the descriptor",
+        f"0 s, {stated:g} s being taken off already" if removed else f"the stated {stated:g} s",
+        f"state a latency of {found.value + stated * removed:+.2f} s in the descriptor",
     )

@@ -60,7 +60,15 @@ def _check_jumps(part: Part, name: str, t: Array, east: Array, north: Array, tra
     part.figures[f"{name}_worst_jump_m"] = float(np.max(size))
     if len(jumps) == 0:
         return
-    back = [bool(np.hypot(*_sum(east, north, k, k + 5)) < 0.5 * size[k]) for k in jumps]
+    # Both the step away and the step back of a spike count as returning.
+    back = [
+        min(
+            np.hypot(*_sum(east, north, k, k + 5)),
+            np.hypot(*_sum(east, north, max(0, k - 4), k + 1)),
+        )
+        < 0.5 * size[k]
+        for k in jumps
+    ]
     worst = int(np.argmax(size))
     part.add(
         "warning" if len(jumps) < 0.2 * len(track.t) else "error",

@@ -78,6 +78,9 @@ class QualityReport:
         findings: Errors first, then warnings, then the rest.
         figures: Measured numbers by name; the unit stands at the end of the name (``_s``,
             ``_hz``, ``_m``, ``_deg_per_h``), without which a figure is a ratio or a count.
+            Latencies are positive where a stream is stamped late, and are those left where the
+            log's metadata say that some were removed; scales are reported per true;
+            ``gyro_bias`` includes the vertical Earth rate, which stands beside it.
         not_observable: Figures that this log cannot tell, by name, with the reason.
         gaps: Interruptions, columns ``table``, ``start_s``, ``length_s``.
     """
@@ -134,6 +137,12 @@ _RHYTHM = ("rate_hz", "jitter_s", "longest_gap_s", "missing", "interruptions")
 """Figures that every table has; they are printed side by side."""
 
 
+_LEGEND = (
+    "figure (latency: positive where stamped late; scale: reported per true;",
+    "        gyro_bias: reading without a turn of the car, Earth rate included)",
+)
+
+
 def _figure_lines(figures: Mapping[str, float], missing: Mapping[str, str]) -> list[str]:
     tables = [key.removesuffix("_rate_hz") for key in figures if key.endswith("_rate_hz")]
     rhythm = {f"{table}_{name}" for table in tables for name in _RHYTHM}
@@ -144,7 +153,7 @@ def _figure_lines(figures: Mapping[str, float], missing: Mapping[str, str]) -> l
     shown = {key: value for key, value in figures.items() if key not in rhythm}
     spreads = {_spread_of(key): value for key, value in shown.items() if "_std" in key}
     width = max((len(key) for key in [*shown, *missing]), default=0)
-    lines += ["", "figure"] if shown or missing else []
+    lines += ["", *_LEGEND] if shown or missing else []
     for key, value in shown.items():
         if "_std" not in key or _spread_of(key) not in shown:
             spread = f" ± {spreads[key]:.2g}" if key in spreads else ""

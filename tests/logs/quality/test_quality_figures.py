@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 
 from navlearn.errors import ConfigError
+from navlearn.logs.drive_log import LogMetadata
 from navlearn.logs.quality import (
     check_log,
     estimate_calibration,
@@ -80,6 +81,34 @@ def test_a_drifting_clock_is_followed(drive):
     assert report.figures["odometer_latency_to_gnss_at_end_s"] == pytest.approx(0.07, abs=0.05)
     assert "clock drift" in {f.topic for f in report.findings if f.severity == "warning"}
     assert odometer_latency(log).value == pytest.approx(0.07, abs=0.06)
+
+
+def test_a_stated_latency_is_no_news_and_a_removed_one_is_told(drive):
+    def check(**about):
+        about = LogMetadata(name="made", gnss_latency=0.3, **about)
+        return check_log(drive(gnss_latency=0.3, metadata=about))
+
+    def news(report):
+        return [f for f in report.findings if f.topic == "latency"]
+
+    assert not news(check())
+    (left,) = news(check(latency_removed=True))
+    assert left.where == "fixes"
+    assert "0.3 s being taken off already" in left.expected
+    assert "+0.60 s" in left.remedy
+    (unstated,) = news(check_log(drive(gnss_latency=0.3)))
+    assert "stamped 0.30" in unstated.found
+    assert "late against the IMU" in unstated.found
+
+
+def test_means_over_intervals_are_taken_as_such(drive):
+    about = LogMetadata(name="made", interval_means=("imu",))
+    instant, means = drive(duration=400.0), drive(duration=400.0, metadata=about)
+    shift = (
+        latency_between(means, "reference", "imu").delay
+        - latency_between(instant, "reference", "imu").delay
+    )
+    assert shift == pytest.approx(0.02, abs=1e-3)  # half the IMU's interval of 0.04 s
 
 
 def test_gyro_scale_is_reported_per_true(drive):

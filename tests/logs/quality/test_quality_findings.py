@@ -198,6 +198,7 @@ def test_outlying_fixes_are_found_with_and_without_a_reference(healthy, without)
     alone = check_log(without("reference").with_tables(spike))
     jump = next(f for f in alone.findings if f.topic == "position jumps")
     assert "2 steps" in jump.found
+    assert "2 return within five fixes, 0 stay" in jump.found
     assert "fix_error_median_m" in alone.not_observable
 
 
