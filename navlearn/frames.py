@@ -1,7 +1,7 @@
 """Positions on the Earth: geodetic, Earth-fixed Cartesian, local metres.
 
-Source: [Groves2013] §2.4.3; the inverse by Vermeille 2004 replaced by Bowring with two passes,
-exact to 1e-9 m for any height a car reaches.
+Source: [Groves2013] §2.4.3; the inverse is Bowring's with two passes, exact to rounding (4e-9 m)
+from the equator to the poles for any height a car reaches.
 """
 
 import torch
