@@ -38,7 +38,11 @@ def nguyen_widrow(
 
 
 def random_start(
-    problem: AnarxLeastSquares, generator: torch.Generator, *, feedback: bool
+    problem: AnarxLeastSquares,
+    generator: torch.Generator,
+    *,
+    feedback: bool,
+    ridge: float = 0.0,
 ) -> Tensor:
     """Return packed weights: hidden layers drawn, everything linear solved for.
 
@@ -46,6 +50,7 @@ def random_start(
         problem: Problem whose targets are to be met; in closed loop only without feedback.
         generator: Source of randomness.
         feedback: False sets all weights on the fed-back output to zero.
+        ridge: Weight of ½ |θ|² beside the data in that solve, as in training.
 
     Returns:
         θ, shape (P,).
@@ -75,6 +80,6 @@ def random_start(
     free = pack_weights(solved, linear_path) > 0
     data = problem.normal_equations(theta)
     gram = data.gram[free][:, free]
-    gram.diagonal().add_(SOLVE_RIDGE * float(gram.diagonal().mean()) + 1e-300)
+    gram.diagonal().add_(ridge + SOLVE_RIDGE * float(gram.diagonal().mean()) + 1e-300)
     theta[free] = -torch.linalg.solve(gram, data.gradient[free])
     return theta

@@ -192,11 +192,11 @@ def best_start(
     with_feedback: list[LmState] = []
     without: list[LmState] = []
     for _ in range(training.starts):
-        theta = random_start(ahead, generator, feedback=True)
+        theta = random_start(ahead, generator, feedback=True, ridge=polish.ridge)
         theta = levenberg_marquardt(ahead, theta, polish).theta
         with_feedback.append(start_state(theta)._replace(cost=problem.cost(theta)))
         if problem.closed:
-            theta = random_start(problem, generator, feedback=False)
+            theta = random_start(problem, generator, feedback=False, ridge=polish.ridge)
             without.append(start_state(theta)._replace(cost=problem.cost(theta)))
     finalists = [
         min(states, key=lambda state: state.cost)

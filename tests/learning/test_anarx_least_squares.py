@@ -102,6 +102,20 @@ def test_the_linear_part_of_a_start_cannot_be_improved():
     assert float(drawn.abs().max()) > 1e-2 * float(blank.abs().max())
 
 
+def test_ridge_shrinks_the_start():
+    problem = problem_of(noisy_windows(), closed=False)
+    sizes = [
+        float(
+            random_start(problem, torch.Generator().manual_seed(0), feedback=True, ridge=ridge)[
+                -2:
+            ].norm()
+        )
+        for ridge in (0.0, 1e2, 1e8)
+    ]
+    assert sizes[0] > sizes[1] > sizes[2]
+    assert sizes[2] < 1e-3 * sizes[0]
+
+
 def test_a_start_without_feedback_has_none():
     problem = problem_of(noisy_windows(), closed=True)
     theta = random_start(problem, torch.Generator().manual_seed(0), feedback=False)
