@@ -94,4 +94,5 @@ def nees(error: Tensor, covariance: Tensor) -> Tensor:
     """
     factor = torch.linalg.cholesky(covariance)
     white = torch.linalg.solve_triangular(factor, error.unsqueeze(-1), upper=False)
-    return (white * white).sum(dim=(-2, -1))
+    square: Tensor = (white * white).sum(dim=(-2, -1))
+    return square

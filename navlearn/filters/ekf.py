@@ -163,4 +163,5 @@ def normalized_square(
     spread = symmetrized(observation @ covariance @ observation.transpose(-1, -2))
     factor = torch.linalg.cholesky_ex(spread + torch.diag_embed(variance))[0]
     white = torch.linalg.solve_triangular(factor, innovation.unsqueeze(-1), upper=False)
-    return (white * white).sum(dim=(-2, -1))
+    square: Tensor = (white * white).sum(dim=(-2, -1))
+    return square

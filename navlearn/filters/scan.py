@@ -158,10 +158,10 @@ def _in_chunks(steps: LinearSteps, size: int, chunks: int) -> LinearSteps:
     n = steps.shift.shape[-1]
 
     def vector(x: Tensor, fill: float) -> Tensor:
-        return _pad(x, (0, 0, 0, missing), fill).unflatten(-2, (chunks, size))
+        return _split(_pad(x, (0, 0, 0, missing), fill), -2, size)
 
     def matrix(x: Tensor) -> Tensor:
-        return _pad(x, (0, 0, 0, 0, 0, missing), 0.0).unflatten(-3, (chunks, size))
+        return _split(_pad(x, (0, 0, 0, 0, 0, missing), 0.0), -3, size)
 
     transition = steps.transition
     if missing > 0:
@@ -169,13 +169,19 @@ def _in_chunks(steps: LinearSteps, size: int, chunks: int) -> LinearSteps:
         more = eye.expand(*transition.shape[:-3], missing, n, n)
         transition = torch.cat((transition, more), -3)
     return LinearSteps(
-        transition.unflatten(-3, (chunks, size)),
+        _split(transition, -3, size),
         vector(steps.shift, 0.0),
         matrix(steps.noise),
         matrix(steps.observation),
         vector(steps.variance, 1.0),
         vector(steps.measurement, 0.0),
     )
+
+
+def _split(x: Tensor, dim: int, size: int) -> Tensor:
+    shape = list(x.shape)
+    shape[dim : dim + 1 or None] = [shape[dim] // size, size]
+    return x.reshape(shape)
 
 
 def _pad(x: Tensor, widths: tuple[int, ...], fill: float) -> Tensor:
@@ -200,7 +206,7 @@ def _summed(steps: LinearSteps) -> _Element:
         J, eta = J + told[..., :n], eta + told[..., n]
         gain = solved[..., n + 1 :].transpose(-1, -2)
         A, b = A - gain @ seen, b + _times(gain, residual)
-        C = joseph(C, H, R, gain)
+        C = symmetrized(C - gain @ known[..., n + 1 :])
     return _Element(A, b, C, eta, symmetrized(J))
 
 

@@ -179,7 +179,7 @@ def shen_dynamics(terms: ShenTerms) -> Tensor:
         *(zero, zero, zero, zero, -terms.up, zero),
         *(zero, zero, zero, zero, zero, terms.turn),
     ]
-    return torch.nn.functional.pad(torch.stack(rows, -1).unflatten(-1, (7, 6)), (3, 0, 0, 2))
+    return torch.nn.functional.pad(torch.stack(rows, -1).reshape(*zero.shape, 7, 6), (3, 0, 0, 2))
 
 
 def returning(errors: SensorErrors, zero: Tensor, first: int) -> Tensor:
@@ -220,7 +220,7 @@ def diffusion(
     entries = [walk, walk, noise.height_walk**2 * moving]
     if errors.velocity_states:
         velocity = noise.velocity_walk**2 * moving
-        entries = entries + [velocity, velocity, velocity]
+        entries += [velocity, velocity, velocity]
     entries.append(azimuth_density(samples, noise) * moving)
     for density in walk_densities(errors, noise):
         entries.append(zero if density is None else zero + density**2)

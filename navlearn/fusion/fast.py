@@ -27,22 +27,21 @@ from navlearn.fusion.filter_model import (
     fed_back,
     predict_blocks,
 )
+from navlearn.fusion.first_guess import first_guess
 from navlearn.fusion.gating import Judged, limits_by_kind, nis_by_kind, opened, taken
 from navlearn.fusion.history import FilterHistory
 from navlearn.fusion.measurements import Verdict
-from navlearn.fusion.first_guess import first_guess
 from navlearn.fusion.noise import EkfNoise
-from navlearn.fusion.recursion import Ended, history, path_of_prediction, starts_of_blocks
+from navlearn.fusion.recursion import Ended, history, path_in_blocks, starts_of_blocks
 from navlearn.fusion.timeline import Timeline
 from navlearn.fusion.updates import Measured, measured
 from navlearn.states import NavState
 
-
 MOST_PASSES = 20
 """Passes after which the fast form gives up."""
 
-TOLERANCE = 1e-4
-"""Largest move of a block's start in the last pass, m; the next would move its square."""
+TOLERANCE = 3e-4
+"""Largest move of a block's start in the last pass, m; the next would move a 500th of it."""
 
 TRUSTED = 20.0
 """Largest move in a pass, m, after which the gate's verdicts are taken over."""
@@ -262,7 +261,7 @@ def run_fast(
             record = beliefs_of(model, start, line, done)
             begin = starts_of_blocks(start, record.belief)
             number += 1
-    path = path_of_prediction(done.begin.state, begin.state, done.ahead)
+    path = path_in_blocks(model, start, record.belief, line)
     return history(line, record, path, "fast", number)
 
 

@@ -10,7 +10,7 @@ from navlearn import wgs84
 from navlearn.filters.belief import Belief
 from navlearn.filters.consistency import chi_square_quantile
 from navlearn.frames import shift_geodetic
-from navlearn.fusion.block_motion import BlockMotion, move_block
+from navlearn.fusion.block_motion import move_block
 from navlearn.fusion.error_state import (
     ErrorLayout,
     error_layout,
@@ -22,7 +22,7 @@ from navlearn.fusion.measurements import Rows, measurement_rows
 from navlearn.fusion.noise import EkfNoise
 from navlearn.fusion.options import EkfOptions
 from navlearn.fusion.sensor_errors import SensorErrors, advanced, sensor_errors
-from navlearn.fusion.shen_transition import OffsetMotion, move_offset, shen_transition
+from navlearn.fusion.shen_transition import move_offset, shen_transition
 from navlearn.fusion.transition import Linearised, bias_scale_transition
 from navlearn.fusion.updates import MeasurementModel
 from navlearn.states import NavState, RissSample
@@ -88,16 +88,12 @@ class Prediction(NamedTuple):
         sensor: Sensor parameters at the end, shape (..., m).
         velocity_offset: Velocity offset at the end, m/s, shape (..., 3).
         linearised: Φ and Q.
-        moved: The mechanized block.
-        offset: What the velocity offset did, or None in models without velocity states.
     """
 
     state: NavState
     sensor: Tensor
     velocity_offset: Tensor
     linearised: Linearised
-    moved: BlockMotion
-    offset: OffsetMotion | None
 
 
 def predict_blocks(
@@ -126,7 +122,7 @@ def predict_blocks(
     sensor = advanced(errors, start.sensor, start.anchor, samples.dt.sum(-1))
     if not model.layout.has_velocity:
         linear = bias_scale_transition(errors, moved, samples, acceleration, start.sensor, noise)
-        return Prediction(moved.end, sensor, start.velocity_offset, linear, moved, None)
+        return Prediction(moved.end, sensor, start.velocity_offset, linear)
     linear = shen_transition(errors, moved, samples, acceleration, noise, model.full)
     offset = move_offset(errors, moved, samples, start.sensor, start.velocity_offset)
     end = moved.end
@@ -134,7 +130,7 @@ def predict_blocks(
         end.lat, end.lon, end.height, *offset.way[..., -1, :].unbind(-1)
     )
     state = NavState(lat, lon, height, end.azimuth)
-    return Prediction(state, sensor, offset.offset, linear, moved, offset)
+    return Prediction(state, sensor, offset.offset, linear)
 
 
 def fed_back(model: FilterModel, belief: Belief, correction: Tensor, end: BlockEnd) -> Belief:

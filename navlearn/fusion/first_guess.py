@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from navlearn import wgs84
 from navlearn.filters.belief import Belief
 from navlearn.fusion.filter_model import FilterModel
 from navlearn.fusion.timeline import Timeline
@@ -59,8 +60,9 @@ def _has_bias(model: FilterModel) -> bool:
 def _drift(heading: Tensor, way: Tensor, line: Timeline) -> Tensor:
     fix = line.occasion.fix
     usable = (fix.has_position > 0.5) & torch.isfinite(fix.lat) & torch.isfinite(fix.lon)
-    radius = 6.37e6
-    east = radius * torch.cos(fix.lat) * fix.lon
+    radius = wgs84.SEMI_MAJOR_AXIS
+    # one scale for the whole drive: chords are short, and only their direction counts
+    east = radius * torch.cos(fix.lat.mean(1, keepdim=True)) * fix.lon
     channels = (
         usable,
         torch.cumsum(way * torch.sin(heading), 1),
@@ -75,7 +77,10 @@ def _drift(heading: Tensor, way: Tensor, line: Timeline) -> Tensor:
 def _drift_of_row(
     usable: np.ndarray, x: np.ndarray, y: np.ndarray, east: np.ndarray, north: np.ndarray
 ) -> np.ndarray:
-    """Return the angle by which a gyro-only track lags the fixes at each block's start."""
+    """Return the angle by which a gyro-only track lags the fixes at each block's start.
+
+    Fixes on both sides of a block are looked at: what a guess knows never shows in the result.
+    """
     drift = np.zeros(len(x))
     late = np.flatnonzero(usable)
     if len(late) < 2:
@@ -87,8 +92,9 @@ def _drift_of_row(
     late, early = late[told], early[told]
     if len(late) == 0:
         return drift
+    middle = 0.5 * (late + early)
     chord = np.arctan2(east[late] - east[early], north[late] - north[early])
     track = np.arctan2(x[late] - x[early], y[late] - y[early])
     angle = np.unwrap((chord - track + np.pi) % (2.0 * np.pi) - np.pi)
-    last = np.searchsorted(late, np.arange(len(x)), side="left") - 1
-    return np.where(last >= 0, angle[np.maximum(last, 0)], 0.0)
+    guess: np.ndarray = np.interp(np.arange(len(x)), np.append(-1.0, middle), np.append(0.0, angle))
+    return guess

@@ -44,7 +44,8 @@ def nis_by_kind(
     spread = symmetrized(H @ covariance @ H.transpose(-1, -2)) * (owner @ owner.T)
     factor = torch.linalg.cholesky_ex(spread + torch.diag_embed(measured.variance))[0]
     white = torch.linalg.solve_triangular(factor, innovation.unsqueeze(-1), upper=False)
-    return (white * white).squeeze(-1) @ owner
+    nis: Tensor = (white * white).squeeze(-1) @ owner
+    return nis
 
 
 def _owner(model: FilterModel, like: Tensor) -> Tensor:

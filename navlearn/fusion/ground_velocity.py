@@ -114,7 +114,7 @@ def odometry(errors: SensorErrors, end: BlockEnd, sensor: Tensor) -> Odometry:
     first = 7 if errors.velocity_states else 4
     by_error = torch.stack([zero] * first + turns, -1)
     if len(levels) == 0:
-        by_sensor = sensor.unsqueeze(-2).expand(sensor.shape[:-1] + (2, 0))
+        by_sensor = sensor.unsqueeze(-2).expand(*sensor.shape[:-1], 2, 0)
     else:
         by_sensor = torch.stack((torch.stack(levels, -1), torch.stack(climbs, -1)), -2)
     return Odometry(motion.v_h, motion.v_u, TurnRate(rate, by_error), by_sensor)

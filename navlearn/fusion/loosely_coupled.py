@@ -5,20 +5,26 @@ sample and is the oracle; ``exact`` loops over the blocks between updates and co
 of each at once; ``fast`` solves for all blocks at once and iterates.
 """
 
+from collections.abc import Callable
 from typing import Literal
 
 import torch
 from torch import Tensor, nn
 
+from navlearn.errors import ConfigError, ShapeError
 from navlearn.filters.belief import Belief
+from navlearn.fusion.checks import check_history, check_inputs
 from navlearn.fusion.fast import run_fast
 from navlearn.fusion.filter_model import filter_model
+from navlearn.fusion.ground_velocity import BlockEnd
 from navlearn.fusion.history import FilterHistory
 from navlearn.fusion.noise import EkfNoise, log_noise, noise_from_log
 from navlearn.fusion.options import EkfOptions
-from navlearn.fusion.recursion import predict_composed, run_loop
-from navlearn.fusion.sequential import predict_in_turn
+from navlearn.fusion.recursion import Carried, end_block, predict_composed, run_loop
+from navlearn.fusion.sequential import predict_in_turn, predict_sample
+from navlearn.fusion.standstill import Rest
 from navlearn.fusion.timeline import timeline
+from navlearn.fusion.updates import Occasion
 from navlearn.states import FixTiming, GnssFix, NavState, RissSample, Trajectory
 
 Method = Literal["exact", "fast", "sequential"]
@@ -59,6 +65,9 @@ class LooselyCoupledEkf(nn.Module):
     ) -> FilterHistory:
         """Run the filter over drives.
 
+        The fast form answers with the loop over blocks where its passes do not converge, and for
+        open feedback; ``history.method`` says which form ran.
+
         Args:
             start: Belief before the first sample, batch shape (B,) or ().
             samples: Samples, shape (B, T) or (T,) each.
@@ -68,41 +77,136 @@ class LooselyCoupledEkf(nn.Module):
 
         Returns:
             History; without batch axis where the input had none.
+
+        Raises:
+            ConfigError: If the method is unknown.
+            ShapeError: If a tensor has the wrong shape or type.
+            LogError: If samples or fixes are not finite, or fixes are out of order or range.
+            FilterDivergedError: If a state or variance is lost on the way.
         """
+        if method not in ("exact", "fast", "sequential"):
+            raise ConfigError(f"filter: found method {method!r}; choose exact, fast or sequential")
         if samples.dt.dim() == 1:
             batched = self.forward(
-                _map_belief(start, lambda x: x.unsqueeze(0)),
-                RissSample(*(x.unsqueeze(0) for x in samples)),
-                GnssFix(*(x.unsqueeze(0) for x in fixes)),
-                FixTiming(*(x.unsqueeze(0) for x in timing)),
+                map_belief(start, _unsqueezed),
+                RissSample(*map(_unsqueezed, samples)),
+                GnssFix(*map(_unsqueezed, fixes)),
+                FixTiming(*map(_unsqueezed, timing)),
                 method=method,
             )
-            return _first(batched)
+            return _without_batch(batched)
+        if samples.dt.dim() != 2 or samples.dt.shape[-1] == 0:
+            raise ShapeError(
+                f"filter: samples have shape {tuple(samples.dt.shape)}; expected (B, T) or (T,) "
+                "with at least one sample"
+            )
+        check_inputs(self.model, start, samples, fixes, timing)
         fixes, timing = _at_least_one(fixes, timing, samples)
         line = timeline(self.model, samples, fixes, timing)
-        if method == "sequential":
-            return run_loop(self.model, start, line, self.noise, predict_in_turn, method)
-        if method == "fast":
-            done = run_fast(self.model, start, line, self.noise)
-            if done is not None:
-                return done
-        return run_loop(self.model, start, line, self.noise, predict_composed, "exact")
+        history: FilterHistory | None = None
+        if method == "fast" and self.model.closed:
+            history = run_fast(self.model, start, line, self.noise)
+        if history is None:
+            in_turn = method == "sequential"
+            predict = predict_in_turn if in_turn else predict_composed
+            name = "sequential" if in_turn else "exact"
+            history = run_loop(self.model, start, line, self.noise, predict, name)
+        check_history(self.model, history, samples)
+        return history
+
+    def step(
+        self, belief: Belief, sample: RissSample, acceleration: Tensor | None = None
+    ) -> Belief:
+        """Predict one sample, as a car does while driving.
+
+        Args:
+            belief: Belief before the interval, batch shape (...).
+            sample: The sample, shape (...) each.
+            acceleration: Forward acceleration by the odometer, m/s², shape (...); needed by the
+                Shen models and by the odometer delay, else None.
+
+        Returns:
+            Belief after the interval.
+        """
+        push = self._acceleration(sample, acceleration)
+        return predict_sample(self.model, belief, sample, push, self.noise)[0]
+
+    def update(
+        self,
+        belief: Belief,
+        fix: GnssFix,
+        sample: RissSample,
+        *,
+        delay: Tensor | None = None,
+        rest: Rest | None = None,
+        acceleration: Tensor | None = None,
+    ) -> Belief:
+        """Update with a fix, standstill, or both at the end of an interval.
+
+        Args:
+            belief: Belief after the interval, batch shape (...).
+            fix: The fix, shape (...) each; ``has_position`` and ``has_velocity`` 0 for none.
+            sample: The interval's sample, shape (...) each.
+            delay: End of the interval minus the fix's time, s, shape (...); None means zero.
+            rest: Standstill up to now that has not been used yet; None means none.
+            acceleration: As in :meth:`step`.
+
+        Returns:
+            Belief after the update, errors fed back.
+        """
+        zero = torch.zeros_like(sample.dt)
+        if rest is None:
+            regressors = zero.unsqueeze(-1).expand(*zero.shape, len(self.model.errors.gyro_terms))
+            rest = Rest(zero, zero, regressors)
+        end = BlockEnd(sample, self._acceleration(sample, acceleration))
+        occasion = Occasion(fix, zero if delay is None else delay, end, rest)
+        carried = Carried(belief, torch.zeros_like(belief.covariance[..., 0]))
+        return end_block(self.model, carried, occasion, self.noise)[1].belief
+
+    def _acceleration(self, sample: RissSample, acceleration: Tensor | None) -> Tensor:
+        if acceleration is not None:
+            return acceleration
+        if self.model.layout.has_velocity or "delay" in self.model.errors.speed_terms:
+            raise ConfigError(
+                f"filter: model {self.options.model} with speed terms "
+                f"{self.options.speed_states} needs the forward acceleration; pass acceleration="
+            )
+        return torch.zeros_like(sample.dt)
 
 
-def _map_belief(belief: Belief, function) -> Belief:
+def map_belief(belief: Belief, function: Callable[[Tensor], Tensor]) -> Belief:
+    """Return a belief with a function applied to every tensor.
+
+    Args:
+        belief: Belief.
+        function: What to do with each tensor.
+
+    Returns:
+        Belief.
+    """
     return Belief(NavState(*map(function, belief.state)), *map(function, belief[1:]))
 
 
-def _first(history: FilterHistory) -> FilterHistory:
-    def pick(x: Tensor) -> Tensor:
-        return x[0]
+def _unsqueezed(x: Tensor) -> Tensor:
+    return x.unsqueeze(0)
 
-    entries = [pick(x) if isinstance(x, Tensor) else x for x in history]
-    whole = FilterHistory(*entries)
-    return whole._replace(
-        prior=_map_belief(history.prior, pick),
-        belief=_map_belief(history.belief, pick),
-        trajectory=Trajectory(*map(pick, history.trajectory)),
+
+def _first(x: Tensor) -> Tensor:
+    return x[0]
+
+
+def _without_batch(history: FilterHistory) -> FilterHistory:
+    return history._replace(
+        end=history.end[0],
+        fix=history.fix[0],
+        prior=map_belief(history.prior, _first),
+        belief=map_belief(history.belief, _first),
+        trajectory=Trajectory(*map(_first, history.trajectory)),
+        innovation=history.innovation[0],
+        nis=history.nis[0],
+        verdict=history.verdict[0],
+        resets=history.resets[0],
+        error=history.error[0],
     )
 
 

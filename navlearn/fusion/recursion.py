@@ -7,20 +7,20 @@ mechanization running free, and the deviation is minus its estimated error.
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
 
 from navlearn.filters.belief import Belief
 from navlearn.filters.ekf import propagated, update
-from navlearn.fusion.block_motion import BlockMotion
-from navlearn.fusion.filter_model import FilterModel, Prediction, fed_back, predict_blocks
+from navlearn.fusion.block_motion import move_block
+from navlearn.fusion.filter_model import FilterModel, fed_back, predict_blocks
 from navlearn.fusion.gating import Judged, judged, nis_by_kind, opened, taken
 from navlearn.fusion.history import FilterHistory
 from navlearn.fusion.measurements import Verdict
 from navlearn.fusion.noise import EkfNoise
-from navlearn.fusion.shen_transition import OffsetMotion
+from navlearn.fusion.shen_transition import move_offset
 from navlearn.fusion.timeline import Timeline, trajectory_of_blocks
 from navlearn.fusion.updates import Occasion, measured
 from navlearn.states import NavState, RissSample, Trajectory
@@ -169,11 +169,11 @@ def run_loop(
             inside.append(path)
         carried, ended = end_block(model, carried, occasions[k], noise)
         ends.append(ended)
-    record = Ended(*(_stacked([e[i] for e in ends]) for i in range(5)))
+    record: Ended = _stacked(ends)
     if inside:
         path = Trajectory(*(torch.stack(list(c), 1) for c in zip(*inside, strict=True)))
     else:
-        path = path_in_blocks(model, start, record.belief, line, noise)
+        path = path_in_blocks(model, start, record.belief, line)
     return history(line, record, path, method, 1)
 
 
@@ -228,80 +228,66 @@ def starts_of_blocks(start: Belief, after: Belief) -> Belief:
     return Belief(state, *others)
 
 
-def path_in_blocks(
-    model: FilterModel, start: Belief, after: Belief, line: Timeline, noise: EkfNoise
-) -> Trajectory:
-    """Return the predicted path inside all blocks, from the beliefs at their starts.
+def path_in_blocks(model: FilterModel, start: Belief, after: Belief, line: Timeline) -> Trajectory:
+    """Return the predicted path inside all blocks, mechanized from the beliefs at their starts.
 
     Args:
         model: The filter.
         start: Belief before the first block, batch shape (B,).
         after: Belief after each block, batch shape (B, K).
         line: The drives in blocks.
-        noise: Noise densities.
 
     Returns:
         Trajectory, shape (B, K, n) each.
     """
     begin = starts_of_blocks(start, after)
-    ahead = predict_blocks(model, begin, line.samples, line.acceleration, noise)
-    return path_of_prediction(begin.state, begin.state, ahead)
-
-
-def path_of_prediction(begin: NavState, shifted: NavState, ahead: Prediction) -> Trajectory:
-    """Return the path inside blocks, as predicted and then started elsewhere.
-
-    Args:
-        begin: State at the start of each block from which it was predicted, shape (...) each.
-        shifted: State nearby from which the path shall start; the path turns with its azimuth,
-            to first order.
-        ahead: Prediction from ``begin``.
-
-    Returns:
-        Trajectory, shape (..., n) each.
-    """
-    moved: BlockMotion = ahead.moved
+    moved = move_block(
+        model.errors,
+        begin.state,
+        begin.sensor,
+        begin.anchor,
+        line.samples,
+        line.acceleration,
+        model.earth_rate,
+    )
     east, north, up = (torch.cumsum(way, -1) for way in (moved.east, moved.north, moved.up))
     motion = moved.motion
     v_e, v_n, v_u = motion.v_h * moved.sine, motion.v_h * moved.cosine, motion.v_u
-    offset: OffsetMotion | None = ahead.offset
-    if offset is not None:
-        more = offset.way.unbind(-1)
+    if model.layout.has_velocity:
+        offset = move_offset(model.errors, moved, line.samples, begin.sensor, begin.velocity_offset)
+        more, extra = offset.way.unbind(-1), offset.velocity.unbind(-1)
         east, north, up = east + more[0], north + more[1], up + more[2]
-        extra = ahead.velocity_offset.unsqueeze(-2).unbind(-1)
         v_e, v_n, v_u = v_e + extra[0], v_n + extra[1], v_u + extra[2]
-    if shifted is not begin:
-        turn = (shifted.azimuth - begin.azimuth).unsqueeze(-1)
-        east, north = east + north * turn, north - east * turn
-        v_e, v_n = v_e + v_n * turn, v_n - v_e * turn
-    lat = shifted.lat.unsqueeze(-1) + north * moved.per_lat.unsqueeze(-1)
-    lon = shifted.lon.unsqueeze(-1) + east * moved.per_lon.unsqueeze(-1)
-    height = shifted.height.unsqueeze(-1) + up
-    azimuth = shifted.azimuth.unsqueeze(-1) + torch.cumsum(moved.turn, -1)
-    return Trajectory(lat, lon, height, azimuth, v_e, v_n, v_u)
+    state = begin.state
+    return Trajectory(
+        state.lat.unsqueeze(-1) + north * moved.per_lat.unsqueeze(-1),
+        state.lon.unsqueeze(-1) + east * moved.per_lon.unsqueeze(-1),
+        state.height.unsqueeze(-1) + up,
+        state.azimuth.unsqueeze(-1) + torch.cumsum(moved.turn, -1),
+        v_e,
+        v_n,
+        v_u,
+    )
 
 
 def _occasions(occasion: Occasion) -> list[Occasion]:
     leaves: list[list[Tensor]] = []
 
-    def split(value: object) -> object:
+    def split(value: Any) -> Any:
         if isinstance(value, Tensor):
             leaves.append(list(value.unbind(1)))
             return len(leaves) - 1
-        return type(value)(*(split(x) for x in value))  # type: ignore[attr-defined, call-arg]
+        return type(value)(*(split(x) for x in value))
 
     tree = split(occasion)
 
-    def at(node: object, k: int) -> object:
-        if isinstance(node, int):
-            return leaves[node][k]
-        return type(node)(*(at(x, k) for x in node))  # type: ignore[attr-defined, call-arg]
+    def at(node: Any, k: int) -> Any:
+        return leaves[node][k] if isinstance(node, int) else type(node)(*(at(x, k) for x in node))
 
-    return [at(tree, k) for k in range(len(leaves[0]))]  # type: ignore[misc]
+    return [at(tree, k) for k in range(len(leaves[0]))]
 
 
-def _stacked(items: list[object]) -> object:
+def _stacked(items: list[Any]) -> Any:
     if isinstance(items[0], Tensor):
-        return torch.stack(items, 1)  # type: ignore[arg-type]
-    columns = zip(*items, strict=True)  # type: ignore[arg-type]
-    return type(items[0])(*(_stacked(list(column)) for column in columns))
+        return torch.stack(items, 1)
+    return type(items[0])(*(_stacked(list(column)) for column in zip(*items, strict=True)))

@@ -18,14 +18,13 @@ from navlearn.fusion.error_dynamics import (
     shen_dynamics,
     shen_terms,
 )
-from navlearn.fusion.error_state import shifted
 from navlearn.fusion.filter_model import FilterModel
 from navlearn.fusion.noise import EkfNoise
 from navlearn.fusion.recursion import Carried
 from navlearn.fusion.sensor_errors import advanced, corrected_motion
 from navlearn.mechanization.motion import RissMotion
 from navlearn.mechanization.riss import MovedState, move
-from navlearn.states import RissSample, Trajectory
+from navlearn.states import NavState, RissSample, Trajectory
 
 
 def predict_sample(
@@ -68,7 +67,7 @@ def predict_sample(
 
 def _with_offset(
     moved: MovedState, motion: RissMotion, belief: Belief, direction: tuple[Tensor, ...]
-) -> tuple[MovedState, Tensor]:
+) -> tuple[NavState, Tensor]:
     gain = (-belief.sensor[..., 0] * motion.dt).unsqueeze(-1)
     change = gain * torch.stack(direction, -1)
     way = (belief.velocity_offset + 0.5 * change) * motion.dt.unsqueeze(-1)
@@ -103,9 +102,12 @@ def predict_in_turn(
         sample = RissSample(*channel)
         push = acceleration[..., k]
         point, transition, moved = predict_sample(model, point, sample, push, noise)
-        deviation = (transition @ deviation.unsqueeze(-1)).squeeze(-1)
-        state = shifted(point.state, deviation, model.layout.azimuth)
+        if not model.closed:
+            deviation = (transition @ deviation.unsqueeze(-1)).squeeze(-1)
         v = torch.stack((moved.v_e, moved.v_n, moved.v_u), -1) + point.velocity_offset
-        path.append((*state, *v.unbind(-1)))
+        path.append((*point.state, *v.unbind(-1)))
+    if not model.closed:
+        # beside a free mechanization the path is that from the estimates at block starts
+        return Carried(point, deviation), None
     inside = Trajectory(*(torch.stack(column, -1) for column in zip(*path, strict=True)))
     return Carried(point, deviation), inside

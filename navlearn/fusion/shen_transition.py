@@ -24,10 +24,12 @@ class OffsetMotion(NamedTuple):
 
     Attributes:
         way: Extra way, east, north, up, m, shape (..., n, 3) at the end of each sample.
+        velocity: Mean velocity offset in each interval, m/s, shape (..., n, 3).
         offset: Velocity offset at the end, m/s, shape (..., 3).
     """
 
     way: Tensor
+    velocity: Tensor
     offset: Tensor
 
 
@@ -52,8 +54,8 @@ def move_offset(
     climb = torch.sin(samples.pitch) if errors.three_d else torch.zeros_like(dt)
     change = torch.stack((gain * moved.sine * level, gain * moved.cosine * level, gain * climb), -1)
     later = offset.unsqueeze(-2) + torch.cumsum(change, -2)
-    way = torch.cumsum((later - 0.5 * change) * dt.unsqueeze(-1), -2)
-    return OffsetMotion(way, later[..., -1, :])
+    mean = later - 0.5 * change
+    return OffsetMotion(torch.cumsum(mean * dt.unsqueeze(-1), -2), mean, later[..., -1, :])
 
 
 def shen_transition(
@@ -103,4 +105,4 @@ def shen_transition(
 def _grouped(channel: Tensor) -> Tensor:
     size = -(-channel.shape[-1] // SUB_STEPS)
     padded = torch.nn.functional.pad(channel, (0, SUB_STEPS * size - channel.shape[-1]))
-    return padded.unflatten(-1, (SUB_STEPS, size)).sum(-1)
+    return padded.reshape(*channel.shape[:-1], SUB_STEPS, size).sum(-1)

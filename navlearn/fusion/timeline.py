@@ -88,4 +88,5 @@ def trajectory_of_blocks(line: Timeline, inside: Trajectory, after: NavState) ->
     for channel, values in zip(flat[:4], after, strict=True):
         value = torch.where(last, values, torch.gather(values, 1, final).detach())
         corrected.append(torch.scatter(channel, 1, blocks.end, value))
-    return Trajectory(*corrected, *flat[4:])
+    lat, lon, height, azimuth = corrected
+    return Trajectory(lat, lon, height, azimuth, flat.v_e, flat.v_n, flat.v_u)

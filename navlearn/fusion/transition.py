@@ -141,7 +141,9 @@ def _sensor_columns(
             up = per_scale * climb.sum(-1)
         direct.append((east, north, up))
     if errors.pitch_bias:
-        tangent = torch.tan(pitch)
+        # of the pitch, without another sine; where the car stands nothing is multiplied by it
+        rolling = motion.v_h != 0.0
+        tangent = torch.where(rolling, motion.v_u / torch.where(rolling, motion.v_h, 1.0), 0.0)
         if errors.tilt_compensation:
             add_turn(-motion.turn * tangent)
         else:
@@ -166,7 +168,7 @@ def _transition(
         north.append(columns.by_turn[j][1] + columns.direct[j][1])
         up.append(columns.direct[j][2])
         azimuth.append(columns.azimuth[j])
-    top = torch.stack([*east, *north, *up, *azimuth], dim=-1).unflatten(-1, (4, 1 + m))
+    top = torch.stack([*east, *north, *up, *azimuth], dim=-1).reshape(*zero.shape, 4, 1 + m)
     moves = torch.nn.functional.pad(top, (3, 0, 0, m))
     return moves + torch.diag_embed(_kept(errors, duration, 4 + m))
 
@@ -218,7 +220,7 @@ def _noise(
         *(s_e, s_n, zero, s),
     ]
     m = len(columns.azimuth)
-    top = torch.nn.functional.pad(torch.stack(entries, -1).unflatten(-1, (4, 4)), (0, m, 0, m))
+    top = torch.nn.functional.pad(torch.stack(entries, -1).reshape(*zero.shape, 4, 4), (0, m, 0, m))
     root = _sensor_noise_root(errors, columns, duration, noise)
     return top if root is None else top + root @ root.transpose(-1, -2)
 

@@ -97,7 +97,7 @@ def measured(
         Innovations of all kinds.
     """
     told = odometry(model.errors, occasion.end, belief.sensor)
-    arm = _arm(model, belief, occasion, told)
+    scene = _Scene(model, belief, occasion, told, _arm(model, belief, occasion), noise)
     build = {
         Kind.POSITION: _position,
         Kind.VELOCITY: _velocity,
@@ -109,7 +109,7 @@ def measured(
     present = [zero] * len(Kind)
     innovations, observations, variances = [], [], []
     for kind in model.rows.kinds:
-        part = build[kind](model, belief, occasion, told, arm, noise)
+        part = build[kind](scene)
         there = (part.present > 0.5).unsqueeze(-1)
         innovations.append(torch.where(there, part.innovation, 0.0))
         variances.append(torch.where(there, part.variance, 1.0))
@@ -131,9 +131,18 @@ class _Arm(NamedTuple):
     by_pitch_bias: Tensor
 
 
-def _arm(
-    model: MeasurementModel, belief: Belief, occasion: Occasion, told: Odometry
-) -> _Arm | None:
+class _Scene(NamedTuple):
+    """All that a measurement may depend on."""
+
+    model: MeasurementModel
+    belief: Belief
+    occasion: Occasion
+    told: Odometry
+    arm: _Arm | None
+    noise: EkfNoise
+
+
+def _arm(model: MeasurementModel, belief: Belief, occasion: Occasion) -> _Arm | None:
     if model.lever_arm is None:
         return None
     sample, azimuth = occasion.end.sample, belief.state.azimuth
@@ -153,14 +162,8 @@ def _arm(
     )
 
 
-def _position(
-    model: MeasurementModel,
-    belief: Belief,
-    occasion: Occasion,
-    told: Odometry,
-    arm: _Arm | None,
-    noise: EkfNoise,
-) -> _Part:
+def _position(scene: _Scene) -> _Part:
+    model, belief, occasion, told, arm, noise = scene
     fix, lag = occasion.fix, occasion.delay
     moved = ground_velocity(
         model.errors, told, belief.state.azimuth, belief.velocity_offset, 0.5 * lag
@@ -187,14 +190,8 @@ def _arm_columns(model: MeasurementModel, arm: _Arm) -> Tensor:
     return columns
 
 
-def _velocity(
-    model: MeasurementModel,
-    belief: Belief,
-    occasion: Occasion,
-    told: Odometry,
-    arm: _Arm | None,
-    noise: EkfNoise,
-) -> _Part:
+def _velocity(scene: _Scene) -> _Part:
+    model, belief, occasion, told, arm, noise = scene
     fix = occasion.fix
     now = ground_velocity(
         model.errors, told, belief.state.azimuth, belief.velocity_offset, occasion.delay
@@ -228,14 +225,8 @@ def _velocity_variance(fix: GnssFix, noise: EkfNoise) -> Tensor:
     return sigma * sigma + noise.velocity_floor**2 + noise.speed_noise**2
 
 
-def _course(
-    model: MeasurementModel,
-    belief: Belief,
-    occasion: Occasion,
-    told: Odometry,
-    arm: _Arm | None,
-    noise: EkfNoise,
-) -> _Part:
+def _course(scene: _Scene) -> _Part:
+    model, belief, occasion, told, _, noise = scene
     fix, azimuth = occasion.fix, belief.state.azimuth
     slow = model.course_speed
     speed = torch.sqrt(fix.v_e * fix.v_e + fix.v_n * fix.v_n)
@@ -253,14 +244,8 @@ def _course(
     )
 
 
-def _zero_yaw_rate(
-    model: MeasurementModel,
-    belief: Belief,
-    occasion: Occasion,
-    told: Odometry,
-    arm: _Arm | None,
-    noise: EkfNoise,
-) -> _Part:
+def _zero_yaw_rate(scene: _Scene) -> _Part:
+    model, belief, occasion, _, _, noise = scene
     rest, n = occasion.rest, model.layout.size
     still = (rest.duration >= model.standstill).to(rest.duration)
     first = model.layout.first_sensor
@@ -278,14 +263,8 @@ def _zero_yaw_rate(
     return _Part(innovation.unsqueeze(-1), observation.unsqueeze(-2), variance.unsqueeze(-1), still)
 
 
-def _zero_speed(
-    model: MeasurementModel,
-    belief: Belief,
-    occasion: Occasion,
-    told: Odometry,
-    arm: _Arm | None,
-    noise: EkfNoise,
-) -> _Part:
+def _zero_speed(scene: _Scene) -> _Part:
+    model, belief, occasion, told, _, noise = scene
     still = (occasion.rest.duration >= model.standstill).to(occasion.delay)
     now = ground_velocity(
         model.errors,

@@ -1,0 +1,143 @@
+"""What is refused at the filter's door, and what is said about a run that went wrong."""
+
+import warnings
+
+import torch
+from torch import Tensor
+
+from navlearn.errors import FilterDivergedError, LogError, ShapeError
+from navlearn.filters.belief import Belief
+from navlearn.fusion.filter_model import FilterModel
+from navlearn.fusion.history import FilterHistory
+from navlearn.fusion.measurements import Kind, Verdict
+from navlearn.states import FixTiming, GnssFix, RissSample
+
+WARN_REFUSED = 0.5
+"""Share of refused measurements of one kind above which a run is warned about."""
+
+WARN_AT_LEAST = 30
+"""Fewest measurements of a kind on which a warning is based."""
+
+
+def check_inputs(
+    model: FilterModel, start: Belief, samples: RissSample, fixes: GnssFix, timing: FixTiming
+) -> None:
+    """Refuse what a filter cannot run on.
+
+    Args:
+        model: The filter.
+        start: Belief before the first sample, batch shape (B,).
+        samples: Samples, shape (B, T) each.
+        fixes: Fixes, shape (B, M) each.
+        timing: Where they fall, shape (B, M) each.
+
+    Raises:
+        ShapeError: If a tensor has the wrong shape or type.
+        LogError: If samples or valid fixes are not finite, or fixes are out of order or range.
+        FilterDivergedError: If the start's covariance is not finite and positive.
+    """
+    _check_shapes(model, start, samples, fixes, timing)
+    for name, channel in zip(samples._fields, samples, strict=True):
+        bad = ~torch.isfinite(channel)
+        if bool(bad.any()):
+            row, k = bad.nonzero()[0].tolist()
+            raise LogError(
+                f"filter: samples.{name} of drive {row} is {float(channel[row, k])} at sample {k}; "
+                "expected finite values: fill or cut the gap before filtering"
+            )
+    for name, channel in zip(fixes._fields, fixes, strict=True):
+        bad = ~torch.isfinite(channel)
+        if bool(bad.any()):
+            row, k = bad.nonzero()[0].tolist()
+            raise LogError(
+                f"filter: fixes.{name} of drive {row} is {float(channel[row, k])} at fix {k}; "
+                "what is not valid must hold a finite value and has_position or has_velocity 0"
+            )
+    index = timing.index
+    used = torch.where(index < 0, -1, index)
+    latest = torch.cummax(used, 1).values
+    wrong = (index >= samples.dt.shape[1]) | ((index >= 0) & (index < latest))
+    if bool(wrong.any()):
+        row, k = wrong.nonzero()[0].tolist()
+        raise LogError(
+            f"filter: timing.index of drive {row} is {int(index[row, k])} at fix {k}, after "
+            f"{int(latest[row, max(k - 1, 0)])}; expected sample numbers below "
+            f"{samples.dt.shape[1]} that do not decrease: sort the fixes by time"
+        )
+    variance = start.covariance.detach().diagonal(dim1=-2, dim2=-1)
+    if not bool((torch.isfinite(variance) & (variance > 0.0)).all()):
+        raise FilterDivergedError(
+            f"filter: the start's variances are {variance.tolist()}; expected finite values above "
+            "0 for every error state: give each a standard deviation"
+        )
+
+
+def _check_shapes(
+    model: FilterModel, start: Belief, samples: RissSample, fixes: GnssFix, timing: FixTiming
+) -> None:
+    batch, n, m = samples.dt.shape[0], model.layout.size, len(model.layout.sensors)
+    expected: list[tuple[str, Tensor, tuple[int, ...]]] = [
+        ("start.covariance", start.covariance, (batch, n, n)),
+        ("start.sensor", start.sensor, (batch, m)),
+        ("start.anchor", start.anchor, (batch, m)),
+        ("start.velocity_offset", start.velocity_offset, (batch, 3)),
+        ("start.refused", start.refused, (batch, len(Kind))),
+        ("timing.delay", timing.delay, tuple(timing.index.shape)),
+    ]
+    expected += [(f"start.state.{k}", x, (batch,)) for k, x in start.state._asdict().items()]
+    expected += [(f"samples.{k}", x, tuple(samples.dt.shape)) for k, x in samples._asdict().items()]
+    expected += [(f"fixes.{k}", x, tuple(timing.index.shape)) for k, x in fixes._asdict().items()]
+    for name, tensor, shape in expected:
+        if tuple(tensor.shape) != shape:
+            raise ShapeError(
+                f"filter: {name} has shape {tuple(tensor.shape)}; expected {shape} for "
+                f"{batch} drives and error states {', '.join(model.layout.names)}"
+            )
+        if tensor.dtype != torch.float64:
+            raise ShapeError(f"filter: {name} is {tensor.dtype}; expected float64: use .double()")
+
+
+def check_history(model: FilterModel, history: FilterHistory, samples: RissSample) -> None:
+    """Refuse a run that lost its covariance or its state; warn of one that refused most fixes.
+
+    Args:
+        model: The filter.
+        history: Its run, batch shape (B, K).
+        samples: What it ran on, shape (B, T) each.
+
+    Raises:
+        FilterDivergedError: If a state or variance is not finite, or a variance not positive.
+    """
+    variance = history.belief.covariance.detach().diagonal(dim1=-2, dim2=-1)
+    fine = (torch.isfinite(variance) & (variance > 0.0)).all(-1)
+    for value in history.belief.state:
+        fine = fine & torch.isfinite(value.detach())
+    if not bool(fine.all()):
+        row, k = (~fine).nonzero()[0].tolist()
+        time = float(samples.dt[row, : int(history.end[row, k]) + 1].sum())
+        wrong = [
+            name
+            for name, v in zip(model.layout.names, variance[row, k].tolist(), strict=True)
+            if not 0.0 < v < float("inf")
+        ]
+        raise FilterDivergedError(
+            f"filter: drive {row} lost its estimate {time:.2f} s after its start (variances not "
+            f"positive: {', '.join(wrong) or 'none; the state is not finite'}); check the noise "
+            "densities, the units of samples and fixes, and the starting belief"
+        )
+    _warn_of_refusals(model, history)
+
+
+def _warn_of_refusals(model: FilterModel, history: FilterHistory) -> None:
+    for kind in model.rows.kinds:
+        verdict = history.verdict[..., kind]
+        seen = int((verdict != int(Verdict.ABSENT)).sum())
+        refused = int((verdict == int(Verdict.REFUSED_BY_GATE)).sum())
+        if seen >= WARN_AT_LEAST and refused > WARN_REFUSED * seen:
+            warnings.warn(
+                f"filter: the gate refused {refused} of {seen} measurements of kind "
+                f"{kind.name.lower()}; the noise is too small for this log, or azimuth, odometer "
+                "scale or lever arm are wrong: look at history.nis",
+                UserWarning,
+                stacklevel=4,
+            )
