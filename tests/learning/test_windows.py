@@ -1,5 +1,7 @@
 import pytest
 import torch
+from hypothesis import given
+from hypothesis import strategies as st
 
 from navlearn.errors import ConfigError, FitError, ShapeError
 from navlearn.learning.windows import (
@@ -113,3 +115,34 @@ def test_a_short_series_is_refused():
         windows_from_series(torch.zeros(10, 1), torch.zeros(10, 1), length=8, warmup=2, stride=1)
     with pytest.raises(ShapeError, match=r"\(T, m\) and \(T, p\)"):
         windows_from_series(torch.zeros(10, 1), torch.zeros(9, 1), length=2, stride=1)
+
+
+@given(
+    field=st.sampled_from(["u", "y", "weight"]),
+    value=st.sampled_from([torch.nan, torch.inf, -torch.inf]),
+    place=st.integers(0, 119),
+)
+def test_what_is_not_finite_is_found_wherever_it_is(field, value, place):
+    windows = some_windows()
+    spoiled = getattr(windows, field).clone()
+    spoiled.reshape(-1)[place] = value
+    with pytest.raises(FitError, match=f"windows: {field} holds 1 values that are not finite"):
+        check_windows(windows._replace(**{field: spoiled}))
+
+
+@given(
+    count=st.integers(2, 30),
+    duration=st.floats(1.0, 200.0),
+    gap=st.floats(0.0, 50.0),
+    share=st.floats(0.05, 0.95),
+)
+def test_a_split_by_time_never_leaks(count, duration, gap, share):
+    windows = some_windows(count)
+    try:
+        train, valid = split_windows(windows, duration=duration, valid_fraction=share, gap=gap)
+    except FitError:
+        return
+    ends = train.start_time + duration
+    assert float(ends.max()) + gap <= float(valid.start_time.min()) + 1e-6
+    kept = [*train.start_time.tolist(), *valid.start_time.tolist()]
+    assert len(set(kept)) == len(kept)
