@@ -32,9 +32,18 @@ def train(
     from navlearn.experiment import train_recipe
     from navlearn.recipe import load_recipe, recipe_for
 
-    if format is None and source.suffix in {".yaml", ".yml"}:
+    if format is None and _is_recipe(source):
         recipe = load_recipe(source)
     else:
         recipe = recipe_for(source, format, methods=split_words(methods), models=model or ())
     result = train_recipe(recipe, out, force=force, progress=not quiet)
     typer.echo(f"Models: {result.folder / 'models'}")
+
+
+def _is_recipe(source: Path) -> bool:
+    """Return whether a YAML file is a recipe, which names a log, and not a descriptor."""
+    from navlearn.recipe.yaml_file import read_yaml
+
+    if source.suffix.lower() not in {".yaml", ".yml"}:
+        return False
+    return "path" not in read_yaml(source, what="recipe or descriptor").content

@@ -67,7 +67,8 @@ def export_predictor(
         OutputExistsError: The file exists and ``force`` is False.
         ShapeError: The inputs to check with do not fit the model.
         ConfigError: The record does not name the model's channels, or the format is unknown.
-        FitError: The predictor differs from eager; nothing was written.
+        FitError: The predictor differs from eager, or this torch cannot export it; nothing was
+            written.
     """
     path = Path(path)
     if path.exists() and not force:
@@ -108,7 +109,13 @@ def _save_torch_export(predictor: Predictor, inputs: Tensor, path: Path) -> None
     dynamic = ({0: torch.export.Dim("batch"), 1: torch.export.Dim("time")},)
     # Frozen: a scan over what has gradients looks at them and warns.
     window = ScannedWindow(copy.deepcopy(predictor.model)).eval().requires_grad_(False)
-    program = torch.export.export(window, (example,), dynamic_shapes=dynamic)
+    try:
+        program = torch.export.export(window, (example,), dynamic_shapes=dynamic)
+    except Exception as problem:
+        raise FitError(
+            f"torch.export of torch {torch.__version__} cannot write this model "
+            f"({type(problem).__name__}); export it as TorchScript (.pt)"
+        ) from problem
     torch.export.save(program, path, extra_files={METADATA_FILE: predictor.metadata})
 
 

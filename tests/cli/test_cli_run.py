@@ -88,3 +88,12 @@ def test_train_fits_a_drive_without_outages(home: Path) -> None:
     invoke("export", home / "trained", "--model", "tiny", "--to", home / "trained.pt")
     trained_on = load_predictor(home / "trained.pt").metadata.trained_on
     assert trained_on["regime"] == "online"
+
+
+def test_train_takes_a_descriptor_or_a_recipe(run: Path, home: Path) -> None:
+    (home / "drive.yaml").write_text("name: drive\nformat: native\npath: drive\n")
+    options = ["--methods", "tiny", "--model", home / "tiny.yaml", "--quiet"]
+    invoke("train", home / "drive.yaml", *options, "--out", home / "by_descriptor")
+    invoke("train", run / "recipe.yaml", "--quiet", "--out", home / "by_recipe")
+    for folder in ("by_descriptor", "by_recipe"):
+        assert (home / folder / "models" / "tiny.pt").is_file()

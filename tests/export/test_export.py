@@ -144,6 +144,25 @@ def test_what_disagrees_is_not_written(
     assert list(tmp_path.iterdir()) == []
 
 
+class Branching(Anarx):
+    """A model whose steps depend on values, which no exported program can follow."""
+
+    def step(self, u: Tensor, state: Tensor) -> tuple[Tensor, Tensor]:
+        return super().step(u if float(u.sum()) > 0.0 else -u, state)
+
+
+def test_what_torch_export_cannot_follow_is_refused_with_advice(
+    tmp_path: Path, make_fitted: Fitted, make_inputs: Inputs
+) -> None:
+    fitted = make_fitted()
+    branching = replace(fitted, model=Branching(fitted.options))
+    with pytest.raises(FitError, match=r"export it as TorchScript"):
+        export_predictor(
+            branching, tmp_path / "p.pt2", check_inputs=make_inputs(), kind="torch_export"
+        )
+    assert list(tmp_path.iterdir()) == []
+
+
 @pytest.mark.parametrize(
     "inputs",
     [
