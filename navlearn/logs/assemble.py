@@ -68,10 +68,16 @@ def assemble(published: Published, descriptor: Descriptor) -> DriveLog:
     tables["fixes"] = _ellipsoidal(
         tables["fixes"], published.geoid_height if geoid is None else geoid
     )
+    fixes = without_empty_fixes(tables["fixes"])
+    if fixes.empty and len(tables["fixes"]):
+        raise LogError(
+            f"{published.files.get('fixes', 'fixes')}: none of its {len(tables['fixes'])} rows "
+            "holds a position or a velocity; a drive without GNSS can be neither started nor aided"
+        )
     log = DriveLog(
         imu=_ordered("imu", tables["imu"]),
         odometer=_ordered("odometer", tables["odometer"]),
-        fixes=_ordered("fixes", without_empty_fixes(tables["fixes"])),
+        fixes=_ordered("fixes", fixes),
         reference=_ordered("reference", tables["reference"]) if "reference" in tables else None,
         metadata=_metadata(published, descriptor),
     )

@@ -13,7 +13,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from navlearn.errors import ConfigError, LogNotFoundError
 from navlearn.logs.axes import levelling_matrix, matrix_from_directions, matrix_from_letters
@@ -23,7 +23,7 @@ from navlearn.logs.nearest import nearest_hint
 FormatName = Literal["navinst", "canedge", "csv", "native"]
 TableName = Literal["imu", "odometer", "fixes", "reference"]
 Backstep = Literal["error", "drop"]
-Metres = Annotated[float, Field(allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
 class _Strict(BaseModel):
@@ -42,8 +42,13 @@ class Column(_Strict):
 
     column: str
     unit: str | None = None
-    scale: Metres = 1.0
-    offset: Metres = 0.0
+    scale: Finite = 1.0
+    offset: Finite = 0.0
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_bare_name(cls, found: object) -> object:
+        return {"column": found} if isinstance(found, str) else found
 
 
 class SpeedAndCourse(_Strict):
@@ -74,7 +79,7 @@ class Table(_Strict):
 
     file: str
     time: Column = Column(column="t")
-    columns: dict[str, Column | str] | None = None
+    columns: dict[str, Column] | None = None
     velocity: SpeedAndCourse | None = None
     epoch: Column | None = None
     sampling: Literal["instant", "interval"] = "instant"
@@ -137,12 +142,17 @@ class Descriptor(_Strict):
     tables: dict[TableName, Table] | None = None
     axes: str | Directions | None = None
     mounting: Mounting = Mounting()
-    geoid_height: Metres | None = None
-    lever_arm: tuple[Metres, Metres, Metres] = (0.0, 0.0, 0.0)
+    geoid_height: Finite | None = None
+    lever_arm: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
     gnss_latency: Annotated[float, Field(ge=-10.0, le=10.0)] = 0.0
     odometer_latency: Annotated[float, Field(ge=-10.0, le=10.0)] = 0.0
     on_backstep: Backstep = "error"
     sensors: dict[str, str] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _axes_are_a_triad(self) -> "Descriptor":
+        self.body_from_sensor("RFU")
+        return self
 
     def body_from_sensor(self, format_axes: str) -> FloatArray:
         """Return the rotation from sensor axes to the level car, shape (3, 3).
@@ -198,26 +208,32 @@ def _resolve(text: str, folder: Path) -> Path:
 def _advice(error: ValidationError) -> str:
     lines = []
     for item in error.errors():
-        where = ".".join(str(part) for part in item["loc"])
+        # Axes may be a text or a mapping: what is said of the other kind only confuses.
+        if item["loc"][-1:] == ("str",) and isinstance(item["input"], dict):
+            continue
+        where = ".".join(str(part) for part in item["loc"] if part not in ("Directions", "str"))
         if item["type"] == "extra_forbidden":
             known = _known_keys(item["loc"])
             hint = nearest_hint(str(item["loc"][-1]), known)
             lines.append(f"unknown key {where}{hint}; known are {', '.join(known)}")
         else:
             message = re.sub(r"^Value error, ", "", item["msg"])
-            lines.append(f"{where}: {message}, found {item['input']!r}")
+            found = f"{where}: {message}, found {item['input']!r}"
+            lines.append(found if where else message)
     return "; ".join(lines)
 
 
 def _known_keys(location: tuple[int | str, ...]) -> list[str]:
-    models: dict[str, type[BaseModel]] = {
-        model.__name__: model for model in (Directions, Mounting, Column, SpeedAndCourse)
-    }
-    model: type[BaseModel] = Descriptor
-    if location[0] == "tables" and len(location) > 2:
-        model = Table
-    if location[0] == "mounting" and len(location) > 1:
-        model = Mounting
-    for part in location[:-1]:
-        model = models.get(str(part), Column if part == "time" else model)
-    return sorted(model.model_fields)
+    owner: type[BaseModel] = Descriptor
+    if location[-3:-2] == ("tables",):
+        owner = Table
+    elif location[-3:-2] == ("columns",):
+        owner = Column
+    elif len(location) > 1:
+        owners: dict[int | str, type[BaseModel]] = {
+            "mounting": Mounting,
+            "Directions": Directions,
+            "velocity": SpeedAndCourse,
+        }
+        owner = owners.get(location[-2], Column)
+    return sorted(owner.model_fields)

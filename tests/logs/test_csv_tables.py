@@ -154,6 +154,9 @@ def test_rows_without_a_fix_are_left_out(tmp_path, tables):
     fixes = tables["fixes"].copy()
     fixes.loc[:2, ["lat", "lon", "v_e", "v_n"]] = np.nan
     assert len(read_log(write(tmp_path / "log", {**tables, "fixes": fixes})).fixes) == 8
+    fixes.loc[:, ["lat", "lon", "v_e", "v_n"]] = np.nan
+    with pytest.raises(LogError, match=r"fixes\.csv: none of its 11 rows holds a position"):
+        read_log(write(tmp_path / "log", {**tables, "fixes": fixes}))
 
 
 def test_a_missing_table(tmp_path, tables):

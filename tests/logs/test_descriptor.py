@@ -49,6 +49,11 @@ def test_data_folder_from_the_environment_or_beside_the_repository(tmp_path, mon
         ({"mounting": {"rol_deg": 5.7}}, "unknown key mounting.rol_deg (did you mean 'roll_deg'?)"),
         ({"tables": {"imu": {"file": "a", "colums": {}}}}, "did you mean 'columns'?"),
         ({"tables": {"gps": {"file": "a.csv"}}}, "tables.gps"),
+        ({"axes": "FFU"}, "log.yaml: axes: FFU is no right-handed triad"),
+        (
+            {"axes": {"rigth": "x", "forward": "y", "up": "z"}},
+            "unknown key axes.rigth (did you mean 'right'?)",
+        ),
         ({"name": ""}, "name: String should have at least 1 character"),
         ({"geoid_height": float("nan")}, "geoid_height: Input should be a finite number"),
     ],
@@ -66,7 +71,8 @@ def test_a_missing_key_is_named(tmp_path):
 
 def test_a_wrong_column_entry_is_named(tmp_path):
     table = {"file": "a", "columns": {"speed": {"colum": "v"}}}
-    assert "tables.odometer.columns.speed" in refusal(tmp_path, tables={"odometer": table})
+    message = refusal(tmp_path, tables={"odometer": table})
+    assert "unknown key tables.odometer.columns.speed.colum (did you mean 'column'?)" in message
 
 
 @pytest.mark.parametrize("text", ["a: [", "- 1\n- 2\n", "", "just text", "\tx: 1"])

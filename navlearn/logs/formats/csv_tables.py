@@ -126,8 +126,7 @@ def _read(folder: Path, name: str, layout: Table) -> pd.DataFrame:
                 f"tables.{name}.columns: {canonical} is no column of {name}{hint}; known are "
                 f"{', '.join(TABLES[name])}"
             )
-        column = Column(column=source) if isinstance(source, str) else source
-        result[canonical] = _taken(path.name, frame, canonical, column)
+        result[canonical] = _taken(path.name, frame, canonical, source)
     if layout.velocity is not None:
         speed = _taken(path.name, frame, "speed", layout.velocity.speed)
         course = _taken(path.name, frame, "course", layout.velocity.course)
