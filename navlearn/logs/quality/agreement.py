@@ -10,16 +10,17 @@ from navlearn.logs.quality.calibration import (
     speed_ratio,
     vertical_earth_rate,
 )
-from navlearn.logs.quality.comparisons import turn_comparison
+from navlearn.logs.quality.comparisons import speed_comparison, turn_comparison
 from navlearn.logs.quality.delay_fit import fit_delay
 from navlearn.logs.quality.findings import Part, Severity
 from navlearn.logs.quality.latency import (
     LIMIT,
+    Disagreement,
     Estimate,
     Latency,
     compare,
 )
-from navlearn.logs.quality.signals import standstill
+from navlearn.logs.quality.signals import standstill, track_of
 
 _DEG_PER_H = float(np.degrees(1.0)) * 3600.0
 
@@ -40,14 +41,32 @@ def check_turns(log: DriveLog) -> Part:
     _note_bias(part, rest, best, trusted=best is by_reference)
     if isinstance(best, str):
         part.not_observable["gyro_scale"] = best
-        _check_axes(part, log, gyro_z=None)
-        return part
-    scale = Estimate(1.0 / best.scale, best.scale_std / best.scale**2)
-    _note(part, "gyro_scale", scale)
-    part.figures["yaw_rate_correlation"] = best.correlation
-    _judge_gyro_scale(part, scale)
-    _check_axes(part, log, gyro_z=best)
+    else:
+        scale = Estimate(1.0 / best.scale, best.scale_std / best.scale**2)
+        _note(part, "gyro_scale", scale)
+        part.figures["yaw_rate_correlation"] = best.correlation
+        _judge_gyro_scale(part, scale)
+    _check_axes(part, log, gyro_z=None if isinstance(best, str) else best)
+    if not part.findings and isinstance(by_fixes, Disagreement):
+        _judge_strange_turns(part, log, by_fixes)
     return part
+
+
+def _judge_strange_turns(part: Part, log: DriveLog, reason: str) -> None:
+    laid = turn_comparison(log, "fixes")
+    if isinstance(laid, str) or len(laid.t) < 60 or not track_of(log.fixes).measured:
+        return
+    turned = laid.observed * laid.weight
+    size = float(np.sqrt(np.mean(turned**2) / np.mean(laid.weight**2)))
+    if size > 0.04:
+        part.add(
+            "error",
+            "yaw rate beside the turns",
+            "imu gyro_z, fixes",
+            f"the fixes turn by {np.degrees(size):.1f}° a step (RMS), gyro_z otherwise: {reason}",
+            "a yaw rate that follows the track",
+            "map the right column to gyro_z, and put both tables on one clock",
+        )
 
 
 def _note(part: Part, name: str, found: Estimate, suffix: str = "") -> None:
@@ -140,12 +159,35 @@ def check_speed(log: DriveLog) -> Part:
     """Compare the odometer with the speed of the fixes, or of the reference without them."""
     part = Part()
     scale = speed_ratio(log, "fixes") or speed_ratio(log, "reference")
+    found = compare(log, "odometer", "fixes")
+    if isinstance(found, Disagreement) and _judge_strange_speed(part, log, found):
+        return part
     if scale is None:
         part.not_observable["odometer_scale"] = "no odometer, or no track in motion beside it"
         return part
     _note(part, "odometer_scale", scale)
     _judge_odometer_scale(part, scale.value)
     return part
+
+
+def _judge_strange_speed(part: Part, log: DriveLog, reason: str) -> bool:
+    laid = speed_comparison(log, "fixes")
+    if isinstance(laid, str) or len(laid.t) < 60 or not track_of(log.fixes).measured:
+        return False
+    other = laid.design(np.zeros(len(laid.t)))[:, 0]
+    change = min(float(np.std(laid.observed)), float(np.nanstd(other)))
+    if change < 2.0:
+        return False
+    part.not_observable["odometer_scale"] = reason
+    part.add(
+        "error",
+        "odometer beside the track",
+        "odometer speed, fixes",
+        f"both vary by {change:.1f} m/s or more (RMS), each by itself: {reason}",
+        "an odometer that follows the track",
+        "map the right column to speed, and put both tables on one clock",
+    )
+    return True
 
 
 def _judge_odometer_scale(part: Part, value: float) -> None:

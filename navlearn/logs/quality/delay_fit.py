@@ -23,7 +23,8 @@ class DelayFit:
     """A fitted delay.
 
     Attributes:
-        delay: How late the observed signal is stamped at the middle of the record, s.
+        delay: How late the observed signal is stamped at ``middle``, s.
+        middle: Mean time of the observations, s.
         delay_std: Its standard deviation, s.
         drift: Growth of the delay, s/s; zero where none was fitted.
         drift_std: Its standard deviation, s/s; zero where none was fitted.
@@ -36,6 +37,7 @@ class DelayFit:
     """
 
     delay: float
+    middle: float
     delay_std: float
     drift: float
     drift_std: float
@@ -82,7 +84,8 @@ def fit_delay(
 
     y = observed[usable] * weight[usable]
     start, at_edge = _search(y, rows, len(t), limit)
-    centred = t - float(np.mean(t[usable]))
+    middle = float(np.mean(t[usable]))
+    centred = t - middle
     fit = _gauss_newton(y, rows, centred, usable, start, with_drift=with_drift)
     if fit is None:
         return None
@@ -90,6 +93,7 @@ def fit_delay(
     widen = float(np.sqrt(max(1, overlap)))
     return DelayFit(
         delay=float(solution[count]),
+        middle=middle,
         delay_std=float(std[count]) * widen,
         drift=float(solution[count + 1]) if with_drift else 0.0,
         drift_std=float(std[count + 1]) * widen if with_drift else 0.0,

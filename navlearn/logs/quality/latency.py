@@ -44,12 +44,16 @@ class Estimate(NamedTuple):
     std: float
 
 
+class Disagreement(str):
+    """A reason why a latency is not observable that a moving log should not give."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Latency:
     """How late one stream is stamped against another, and how their values relate.
 
     Attributes:
-        delay: Latency at the middle of the samples used, s, positive where stamped late.
+        delay: Latency at the mean time of the samples used, s, positive where stamped late.
         std: Its standard deviation, s.
         drift: Growth of the latency, s/s; zero unless asked for.
         drift_std: Its standard deviation, s/s.
@@ -86,7 +90,7 @@ class Latency:
     @property
     def last(self) -> Estimate:
         """Latency at the last sample used, s."""
-        reach = 0.5 * (self.at_end - self.at_start) / self.drift if self.drift else 0.0
+        reach = (self.at_end - self.delay) / self.drift if self.drift else 0.0
         return Estimate(self.at_end, float(np.hypot(self.std, self.drift_std * reach)))
 
 
@@ -175,20 +179,19 @@ def fitted_latency(laid: Comparison, *, with_drift: bool = False) -> Latency | s
 
 def _judged(fit: DelayFit, laid: Comparison, limit: float) -> Latency | str:
     if abs(fit.correlation) < 0.4:
-        return f"the two hardly agree (correlation {fit.correlation:.2f})"
+        return Disagreement(f"the two hardly agree (correlation {fit.correlation:.2f})")
     if fit.at_edge:
-        return f"no agreement found within ±{limit:g} s"
+        return Disagreement(f"no agreement found within ±{limit:.2g} s")
     if fit.delay_std > 0.15:
         return f"the motion tells it only to {fit.delay_std:.2g} s"
-    centre = 0.5 * float(laid.t[-1] - laid.t[0])
     bias = len(fit.coefficients) > 1
     return Latency(
         delay=fit.delay,
         std=fit.delay_std,
         drift=fit.drift,
         drift_std=fit.drift_std,
-        at_start=fit.delay - fit.drift * centre,
-        at_end=fit.delay + fit.drift * centre,
+        at_start=fit.delay + fit.drift * (float(laid.t[0]) - fit.middle),
+        at_end=fit.delay + fit.drift * (float(laid.t[-1]) - fit.middle),
         scale=float(fit.coefficients[0]),
         scale_std=float(fit.coefficient_std[0]),
         offset=float(fit.coefficients[1]) if bias else 0.0,

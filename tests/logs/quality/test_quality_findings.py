@@ -132,6 +132,12 @@ def test_tables_on_different_clocks(healthy):
     assert "clocks apart" in topics(report, "error")
 
 
+def test_streams_that_have_nothing_to_do_with_each_other(healthy):
+    later = healthy.fixes.assign(t=healthy.fixes["t"] + 17.0)
+    report = check_log(healthy.with_tables({"fixes": later[later["t"] < 600.0]}))
+    assert {"odometer beside the track", "yaw rate beside the turns"} <= topics(report, "error")
+
+
 def test_missing_fixes_are_counted(healthy):
     gone = [50, 100, 101, 200, 300]
     report = check_log(healthy.with_tables({"fixes": healthy.fixes.drop(index=gone)}))
