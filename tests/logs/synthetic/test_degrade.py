@@ -1,13 +1,20 @@
 """Semi-synthetic logs: the stated error and nothing else."""
 
+import os
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
 
 from navlearn.errors import LogError
 from navlearn.logs.drive_log import DriveLog
+from navlearn.logs.reading import read_log
 from navlearn.logs.synthetic import GRADES, degrade_gyro, simulate_drive
 from navlearn.logs.synthetic.inertial_errors import gyro_errors, warming
+
+ROOT = Path(__file__).resolve().parents[3]
+DATA = Path(os.environ.get("NAVLEARN_DATA") or ROOT / ".." / "shared/data")
 
 
 @pytest.fixture(scope="module")
@@ -76,3 +83,21 @@ def test_missing_forces_are_zero_and_a_missing_gyro_is_refused(log: DriveLog) ->
     blind = log.imu.assign(gyro_z=log.imu["gyro_z"].where(log.imu["t"] > 10.0))
     with pytest.raises(LogError, match="gyro_z has values that are not finite"):
         degrade_gyro(log.with_tables({"imu": blind}))
+
+
+@pytest.mark.skipif(
+    not (DATA / "kingston_2008" / "raw").is_dir(), reason="needs ../shared/data/kingston_2008"
+)
+def test_a_tactical_gyro_of_a_real_drive_becomes_low_cost() -> None:
+    real = read_log(ROOT / "datasets" / "kingston_2008.yaml")
+    worse = degrade_gyro(real, "mems_l", seed=0)
+    error = (worse.imu["gyro_z"] - real.imu["gyro_z"]).to_numpy()
+    assert np.isfinite(error).all()
+    # Differences of successive errors at rest are white noise of 2.25 °/√h, and rounding.
+    still = np.abs(real.imu["gyro_z"].to_numpy()) < 1e-3
+    both = still[1:] & still[:-1]
+    dt = float(np.median(np.diff(real.imu["t"])))
+    white = np.deg2rad(2.25) / 60.0 / np.sqrt(dt)
+    assert np.std(np.diff(error)[both]) == pytest.approx(white * np.sqrt(2.0), rel=0.1)
+    assert not worse.metadata.is_truth
+    assert "semi_synthetic" in worse.metadata.extra
