@@ -5,7 +5,7 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, model_validator
 
 from navlearn.logs.nearest import nearest_hint
 from navlearn.recipe.strict import Section, parse
@@ -97,11 +97,7 @@ class ModelSpec(Section):
     name: PlainName
     type: Literal["anarx"] = "anarx"
     acts_on: Literal["position", "azimuth_rate"] = "position"
-    inputs: Annotated[tuple[str, ...], Field(min_length=1), AfterValidator(_known_channels)] = (
-        "yaw_rate",
-        "speed",
-        "delay",
-    )
+    inputs: Channels = ("yaw_rate", "speed", "delay")
     lags: Count = 2
     hidden: Count = 5
     activation: Literal["sigmoid", "tanh"] = "sigmoid"
@@ -118,6 +114,12 @@ class ModelSpec(Section):
     safeguard: SafeguardSpec = SafeguardSpec()
     question: str = ""
     notes: str = ""
+
+    @model_validator(mode="after")
+    def _options_go_together(self) -> "ModelSpec":
+        self.anarx_options(outputs=1)
+        self.training_options()
+        return self
 
     def anarx_options(self, *, outputs: int) -> "AnarxOptions":
         """Return the options of the network.

@@ -170,6 +170,7 @@ def test_spec_reaches_the_options_of_model_and_training() -> None:
         ("models: [{name: a, safeguard: {gat: no}}]", ["models[0].safeguard", "'gate'"]),
         ("models: [{name: a, inputs: [sped]}]", ["models[0].inputs", "did you mean 'speed'"]),
         ("models: [{name: a, inputs: [speed, speed]}]", ["'speed' is listed twice"]),
+        ("models: [{name: a, loop: open, objective: accumulated}]", ["models[0]", "loop: closed"]),
         ("models: [{name: a/b}]", ["'a/b' cannot be part of a file's name"]),
         ("name: twice", ["recipe.yaml:3", "'name' stands twice"]),
         ("filter: {modl: x}", ["filter", "unknown key 'modl'", "did you mean 'model'"]),
