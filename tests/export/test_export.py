@@ -211,6 +211,19 @@ def test_files_that_are_no_predictors(tmp_path: Path) -> None:
             load_predictor(tmp_path / name)
 
 
+@pytest.mark.parametrize("kind", ["torchscript", "torch_export"])
+def test_damaged_predictors_are_refused(
+    tmp_path: Path, make_fitted: Fitted, make_inputs: Inputs, kind: Any
+) -> None:
+    path = tmp_path / "whole"
+    export_predictor(make_fitted(), path, check_inputs=make_inputs(), kind=kind)
+    whole = path.read_bytes()
+    for length in (0, 10, len(whole) // 3, len(whole) // 2, len(whole) - 30):
+        (tmp_path / "cut").write_bytes(whole[:length])
+        with pytest.raises(ConfigError, match="cut: neither a TorchScript nor"):
+            load_predictor(tmp_path / "cut")
+
+
 @pytest.mark.parametrize("text", ["", "{}", "[]", "3", '{"format": "other"}'])
 def test_metadata_that_are_not_ours(text: str) -> None:
     with pytest.raises(ConfigError):
