@@ -3,7 +3,7 @@
 A block is about a second long: radii and the Earth's vertical rate are those at its start
 (carried to its middle where that shows), and the transport rate turns the direction to first
 order. Against :func:`navlearn.mechanization.riss_parallel.riss_over_time` that leaves less than
-a micrometre per block. All blocks of a drive may stand in the batch.
+half a micrometre per block. All blocks of a drive may stand in the batch.
 """
 
 from typing import NamedTuple
@@ -75,8 +75,10 @@ def move_block(
         errors, samples, acceleration, sensor.unsqueeze(-2), anchor.unsqueeze(-2), decay
     )
     sin_lat, cos_lat = torch.sin(start.lat), torch.cos(start.lat)
-    per_lat = 1.0 / (earth.meridian_radius(start.lat) + start.height)
-    radius = earth.prime_vertical_radius(start.lat) + start.height
+    up = motion.v_u * motion.dt
+    height = start.height + 0.5 * up.sum(-1)
+    per_lat = 1.0 / (earth.meridian_radius(start.lat) + height)
+    radius = earth.prime_vertical_radius(start.lat) + height
     turn = motion.turn + (earth_rate * sin_lat).unsqueeze(-1) * motion.dt
     azimuth = start.azimuth.unsqueeze(-1) + _to_middle(turn)
     sine, cosine = torch.sin(azimuth), torch.cos(azimuth)
@@ -86,7 +88,7 @@ def move_block(
         more = _to_middle(transport)
         sine, cosine = sine + cosine * more, cosine - sine * more
         turn = turn + transport
-    east, north, up = way * sine, way * cosine, motion.v_u * motion.dt
+    east, north = way * sine, way * cosine
     d_lat = north.sum(-1) * per_lat
     per_lon = 1.0 / (radius * torch.cos(start.lat + 0.5 * d_lat))
     # the Earth's vertical rate grows towards the pole: half the block's change in latitude

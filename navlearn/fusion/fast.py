@@ -40,7 +40,7 @@ from navlearn.states import NavState
 MOST_PASSES = 20
 """Passes after which the fast form gives up."""
 
-TOLERANCE = 3e-4
+TOLERANCE = 2e-4
 """Largest move of a block's start in the last pass, m; the next would move a 500th of it."""
 
 TRUSTED = 20.0
@@ -162,8 +162,8 @@ def judged_over_time(model: FilterModel, nis: Tensor, present: Tensor, refused: 
     Returns:
         Verdicts and the refusals after each block.
     """
-    nis, there = nis.detach(), present > 0.5
-    beyond = there & ~(nis <= limits_by_kind(model, nis))
+    there = present > 0.5
+    beyond = there & ~(nis.detach() <= limits_by_kind(model, nis))
     verdict = there.to(torch.int64) * int(Verdict.ACCEPTED)
     count = torch.zeros_like(nis)
     odd = beyond.any(1) | (refused > 0.5)
@@ -257,9 +257,10 @@ def run_fast(
             return None
     if torch.is_grad_enabled() and _wants_gradient(start, line, noise):
         for _ in range(2):
+            # the first block starts where the caller said: that carries its gradient
+            begin = starts_of_blocks(start, record.belief)
             done = linearised_pass(model, start, begin, line, noise, verdict, 0)
             record = beliefs_of(model, start, line, done)
-            begin = starts_of_blocks(start, record.belief)
             number += 1
     path = path_in_blocks(model, start, record.belief, line)
     return history(line, record, path, "fast", number)

@@ -156,7 +156,7 @@ def fed_back(model: FilterModel, belief: Belief, correction: Tensor, end: BlockE
 
 
 def difference(model: FilterModel, belief: Belief, other: Belief, end: BlockEnd) -> Tensor:
-    """Return the correction that moves ``other`` to ``belief``, the inverse of ``fed_back``.
+    """Return minus the correction by which ``fed_back`` moves ``belief`` to ``other``.
 
     Args:
         model: The filter.
@@ -165,14 +165,14 @@ def difference(model: FilterModel, belief: Belief, other: Belief, end: BlockEnd)
         end: Last sample of the block, shape (...) each.
 
     Returns:
-        Correction, shape (..., n).
+        ``belief`` minus ``other`` in the order of the error state, shape (..., n).
     """
     position = position_difference(belief.state, other.state)
     turn = (belief.state.azimuth - other.state.azimuth).unsqueeze(-1)
     parts = [position, turn, belief.sensor - other.sensor]
     if model.layout.has_velocity:
         velocity = belief.velocity_offset - other.velocity_offset
-        parts.insert(1, velocity + _across(model, other, end) * turn)
+        parts.insert(1, velocity + _across(model, belief, end) * turn)
     return torch.cat(parts, -1)
 
 

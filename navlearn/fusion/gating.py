@@ -63,7 +63,7 @@ def limits_by_kind(model: FilterModel, like: Tensor) -> Tensor:
     Returns:
         Limits, infinite for kinds not taken, shape (5,).
     """
-    limits = like.new_full((len(Kind),), float("inf"))
+    limits = like.detach().new_full((len(Kind),), float("inf"))
     for kind, limit in zip(model.rows.kinds, model.limits, strict=True):
         limits[kind] = limit
     return limits
@@ -81,8 +81,8 @@ def judged(model: FilterModel, nis: Tensor, present: Tensor, refused: Tensor) ->
     Returns:
         Verdicts and the refusals afterwards.
     """
-    nis, there = nis.detach(), present > 0.5
-    beyond = there & ~(nis <= limits_by_kind(model, nis))
+    there = present > 0.5
+    beyond = there & ~(nis.detach() <= limits_by_kind(model, nis))
     reset = beyond & (refused >= model.options.gate.reset_after)
     gate = beyond & ~reset
     verdict = there.to(torch.int64) * int(Verdict.ACCEPTED)

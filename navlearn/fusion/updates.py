@@ -205,6 +205,11 @@ def _velocity(scene: _Scene) -> _Part:
         inwards = -rate * torch.stack((e, n, torch.zeros_like(e)), -1)
         at = model.layout.azimuth
         observation = observation + swing
+        if model.errors.pitch_bias:
+            tip_e, tip_n, _ = arm.by_pitch_bias.unbind(-1)
+            tipped = torch.stack((tip_n, -tip_e, torch.zeros_like(e)), -1)
+            column = (rate * tipped).unsqueeze(-1)
+            observation = observation + torch.nn.functional.pad(column, (model.layout.size - 1, 0))
         observation = observation + torch.nn.functional.pad(
             inwards.unsqueeze(-1), (at, model.layout.size - at - 1)
         )

@@ -1,0 +1,154 @@
+"""Gradients through the filter, and whether it is as good as it says."""
+
+import pytest
+import torch
+
+from navlearn.filters.consistency import mean_band, nees
+from navlearn.fusion.error_state import initial_belief, position_difference
+from navlearn.fusion.loosely_coupled import LooselyCoupledEkf
+from navlearn.fusion.measurements import Kind
+from navlearn.fusion.options import EkfOptions, GateOptions, InitialOptions, NoiseOptions
+from navlearn.states import NavState, RissSample
+
+
+def end_of(options, d, method):
+    ekf = LooselyCoupledEkf(options)
+    belief = initial_belief(options, d.start)
+
+    def end(yaw_rate, speed, azimuth, log_noise):
+        samples = d.samples._replace(yaw_rate=yaw_rate, speed=speed)
+        begin = belief._replace(state=belief.state._replace(azimuth=azimuth))
+        history = torch.func.functional_call(
+            ekf, {"log_noise": log_noise}, (begin, samples, d.fixes, d.timing), {"method": method}
+        )
+        out = NavState(*(x[:, -1] for x in history.trajectory[:4]))
+        east_north = position_difference(out, d.start)[..., :2]
+        last = history.belief.covariance[:, -1].diagonal(dim1=-2, dim2=-1)
+        return east_north, out.azimuth, last.log()
+
+    inputs = (d.samples.yaw_rate, d.samples.speed, d.start.azimuth, ekf.log_noise.detach())
+    return end, tuple(x.clone().requires_grad_() for x in inputs)
+
+
+@pytest.mark.parametrize("model", ["bias_scale", "shen2010_full"])
+@pytest.mark.parametrize("method", ["exact", "sequential"])
+def test_gradcheck_through_the_filter(make_drive, method, model):
+    d = make_drive(seconds=3, rate=2)
+    options = EkfOptions(model=model, gate=GateOptions(probability=1.0))
+    end, inputs = end_of(options, d, method)
+    assert torch.autograd.gradcheck(end, inputs, eps=1e-4, atol=2e-4, rtol=1e-3, fast_mode=True)
+
+
+def test_gradient_of_the_fast_form_is_that_of_the_loop(make_drive):
+    d = make_drive(seconds=40, rate=10)
+    found = []
+    for method in ("exact", "fast"):
+        end, inputs = end_of(EkfOptions(), d, method)
+        position, azimuth, spread = end(*inputs)
+        loss = position.square().sum() + 100.0 * azimuth.sum() + spread.sum()
+        found.append(torch.autograd.grad(loss, inputs))
+    # the drive forgets the azimuth it started with: little is left to compare
+    for exact, fast, limit in zip(*found, (1e-4, 1e-4, 2e-2, 1e-4), strict=True):
+        assert float((fast - exact).norm() / exact.norm()) < limit
+
+
+def test_noise_can_be_learned_through_the_filter(make_drive):
+    d = make_drive(seconds=30, rate=10)
+    ekf = LooselyCoupledEkf(EkfOptions())
+    ekf.log_noise.requires_grad_(True)
+    history = ekf(initial_belief(ekf.options, d.start), d.samples, d.fixes, d.timing)
+    (gradient,) = torch.autograd.grad(history.nis.nansum(), ekf.log_noise)
+    assert bool(torch.isfinite(gradient).all())
+    # larger measurement noise explains innovations away
+    assert float(gradient[ekf.noise._fields.index("position_floor")]) < 0.0
+
+
+def monte_carlo(make_drive, runs):
+    """Run a filter on drives whose errors are drawn from its own model."""
+    initial = InitialOptions(
+        position=2.0,
+        height=2.0,
+        azimuth=0.03,
+        pitch_bias=0.005,
+        gyro={"bias": 0.001},
+        speed={"scale": 0.01},
+    )
+    noise = NoiseOptions(
+        gyro_random_walk=5e-4,
+        turn_noise=0.0,
+        gyro_bias_walk=1e-7,
+        speed_scale_walk=1e-7,
+        pitch_bias_walk=1e-7,
+        position_walk=1e-3,
+        height_walk=1e-3,
+        position_floor=0.0,
+        height_floor=0.0,
+        velocity_floor=0.0,
+        speed_noise=0.0,
+    )
+    options = EkfOptions(
+        initial=initial, noise=noise, gate=GateOptions(probability=1.0), zero_yaw_rate=False
+    )
+    g = torch.Generator().manual_seed(11)
+
+    def draw(sigma):
+        return sigma * torch.randn(runs, 1, generator=g, dtype=torch.float64)
+
+    bias, scale, pitch = draw(0.001), draw(0.01), draw(0.005)
+    d = make_drive(
+        seconds=60,
+        rate=10,
+        batch=runs,
+        seed=5,
+        bias=bias,
+        scale=scale,
+        pitch_bias=pitch,
+        gyro_random_walk=5e-4,
+    )
+    still = torch.zeros_like(d.samples.stationary)
+    d = d._replace(samples=RissSample(*d.samples[:7], still))
+    belief = initial_belief(options, d.start)
+    wrong = torch.cat((draw(2.0), draw(2.0), draw(2.0), draw(0.03)), 1)
+    lat, lon, height, azimuth = d.start
+    begin = NavState(
+        lat + wrong[:, 1] / 6.38e6,
+        lon + wrong[:, 0] / (6.38e6 * torch.cos(lat)),
+        height + wrong[:, 2],
+        azimuth + wrong[:, 3],
+    )
+    with torch.no_grad():
+        history = LooselyCoupledEkf(options)(
+            belief._replace(state=begin), d.samples, d.fixes, d.timing
+        )
+    truth = NavState(*(torch.gather(x.expand(runs, -1), 1, history.end) for x in d.truth[:4]))
+    at = history.belief
+    error = torch.cat(
+        (
+            position_difference(at.state, truth),
+            (at.state.azimuth - truth.azimuth).unsqueeze(-1),
+            at.sensor - torch.cat((bias, scale, pitch), 1).unsqueeze(1),
+        ),
+        -1,
+    )
+    return history, nees(error, at.covariance)
+
+
+def check_consistency(make_drive, runs):
+    history, squares = monte_carlo(make_drive, runs)
+    band = mean_band(7, runs, 0.999)
+    for k in (5, 20, 40, squares.shape[1] - 1):
+        assert band.low < float(squares[:, k].mean()) < band.high
+    for kind in (Kind.POSITION, Kind.VELOCITY):
+        nis = history.nis[..., kind]
+        # innovations of an honest filter are white: all of them are independent squares
+        band = mean_band(3, nis.numel(), 0.999)
+        assert band.low < float(nis.mean()) < band.high
+
+
+def test_the_filter_is_as_good_as_it_says(make_drive):
+    check_consistency(make_drive, 20)
+
+
+@pytest.mark.slow
+def test_the_filter_is_as_good_as_it_says_over_a_hundred_runs(make_drive):
+    check_consistency(make_drive, 100)
