@@ -23,7 +23,8 @@ class BlockMotion(NamedTuple):
     Attributes:
         end: State at the end of the block.
         motion: Motion of each sample, sensor errors removed.
-        decay: What is left of a Gauss–Markov deviation at each sample.
+        decay: What is left of a Gauss–Markov deviation at each sample; (..., 1) of ones for a
+            random walk.
         sine: Sine of each mid-interval azimuth.
         cosine: Cosine of each mid-interval azimuth.
         east: Way to the east in each interval, m.
@@ -70,7 +71,9 @@ def move_block(
     Returns:
         Motion of the blocks.
     """
-    decay = decay_over(errors, _to_middle(samples.dt))
+    decay = torch.ones_like(samples.dt[..., :1])
+    if errors.correlation_time > 0.0:
+        decay = decay_over(errors, _to_middle(samples.dt))
     motion = corrected_motion(
         errors, samples, acceleration, sensor.unsqueeze(-2), anchor.unsqueeze(-2), decay
     )

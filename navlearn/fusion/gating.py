@@ -1,5 +1,6 @@
 """Which measurements are believed: the χ² gate on each kind's innovation, and its reset."""
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import torch
@@ -7,7 +8,7 @@ from torch import Tensor
 
 from navlearn.filters.ekf import symmetrized
 from navlearn.fusion.filter_model import FilterModel
-from navlearn.fusion.measurements import Kind, Verdict
+from navlearn.fusion.measurements import Kind, Rows, Verdict
 from navlearn.fusion.updates import Measured
 
 
@@ -39,18 +40,21 @@ def nis_by_kind(
     Returns:
         NIS, zero where nothing is measured, shape (..., 5).
     """
-    owner = _owner(model, innovation)
+    owner, together = _owner(model.rows, innovation.dtype, innovation.device)
     H = measured.observation
-    spread = symmetrized(H @ covariance @ H.transpose(-1, -2)) * (owner @ owner.T)
+    spread = symmetrized(H @ covariance @ H.transpose(-1, -2)) * together
     factor = torch.linalg.cholesky_ex(spread + torch.diag_embed(measured.variance))[0]
     white = torch.linalg.solve_triangular(factor, innovation.unsqueeze(-1), upper=False)
     nis: Tensor = (white * white).squeeze(-1) @ owner
     return nis
 
 
-def _owner(model: FilterModel, like: Tensor) -> Tensor:
-    eye = torch.eye(len(Kind), dtype=like.dtype, device=like.device)
-    return model.rows.spread(eye).T
+@lru_cache(maxsize=64)
+def _owner(rows: Rows, dtype: torch.dtype, device: torch.device) -> tuple[Tensor, Tensor]:
+    """Return which kind each row belongs to (r, 5), and which rows belong together (r, r)."""
+    with torch.inference_mode(False):
+        owner = rows.spread(torch.eye(len(Kind), dtype=dtype, device=device)).T
+        return owner, owner @ owner.T
 
 
 def limits_by_kind(model: FilterModel, like: Tensor) -> Tensor:
@@ -63,10 +67,16 @@ def limits_by_kind(model: FilterModel, like: Tensor) -> Tensor:
     Returns:
         Limits, infinite for kinds not taken, shape (5,).
     """
-    limits = like.detach().new_full((len(Kind),), float("inf"))
-    for kind, limit in zip(model.rows.kinds, model.limits, strict=True):
-        limits[kind] = limit
-    return limits
+    return _limits(model.rows.kinds, model.limits, like.dtype, like.device)
+
+
+@lru_cache(maxsize=64)
+def _limits(
+    kinds: tuple[Kind, ...], limits: tuple[float, ...], dtype: torch.dtype, device: torch.device
+) -> Tensor:
+    known = dict(zip(kinds, limits, strict=True))
+    with torch.inference_mode(False):
+        return torch.tensor([known.get(k, float("inf")) for k in Kind], dtype=dtype, device=device)
 
 
 def judged(model: FilterModel, nis: Tensor, present: Tensor, refused: Tensor) -> Judged:

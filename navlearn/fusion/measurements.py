@@ -6,6 +6,7 @@ has a zero row in H, a zero innovation and unit variance.
 
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import lru_cache
 
 import torch
 from torch import Tensor
@@ -67,10 +68,15 @@ class Rows:
         Returns:
             Shape (..., r).
         """
-        owner = [
-            int(kind) for kind, n in zip(self.kinds, self.count, strict=True) for _ in range(n)
-        ]
-        return per_kind[..., torch.tensor(owner, dtype=torch.int64, device=per_kind.device)]
+        return per_kind.index_select(-1, _owner(self, per_kind.device))
+
+
+@lru_cache(maxsize=64)
+def _owner(rows: Rows, device: torch.device) -> Tensor:
+    owner = [int(kind) for kind, n in zip(rows.kinds, rows.count, strict=True) for _ in range(n)]
+    # kept for later runs too, which may want gradients: never an inference tensor
+    with torch.inference_mode(False):
+        return torch.tensor(owner, dtype=torch.int64, device=device)
 
 
 def measurement_rows(options: EkfOptions) -> Rows:

@@ -157,9 +157,8 @@ def corrected_motion(
     Returns:
         Motion, shape of the samples.
     """
-    gyro = torch.zeros_like(sample.yaw_rate)
-    scale = torch.zeros_like(sample.speed)
-    pitch = torch.zeros_like(sample.pitch)
+    # scalars broadcast: a full channel of zeros would cost as much as one that counts
+    gyro = scale = pitch = sample.dt.new_zeros(())
     if errors.velocity_states:
         bias = sensor[..., 1]
         gyro = anchor[..., 1] + (bias - anchor[..., 1]) * decay
@@ -168,7 +167,8 @@ def corrected_motion(
         for term in errors.gyro_terms:
             value = sensor[..., j]
             if term == "bias":
-                value = anchor[..., j] + (value - anchor[..., j]) * decay
+                if errors.correlation_time > 0.0:
+                    value = anchor[..., j] + (value - anchor[..., j]) * decay
                 gyro = gyro + value
             else:
                 gyro = gyro + gyro_regressor(term, sample) * value
