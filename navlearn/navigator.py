@@ -12,12 +12,12 @@ import torch
 from torch import Tensor
 
 from navlearn import wgs84
-from navlearn.errors import ShapeError
+from navlearn.errors import ConfigError
 from navlearn.filters.belief import Belief
 from navlearn.frames import shift_geodetic
 from navlearn.fusion.error_state import initial_belief
 from navlearn.fusion.history import FilterHistory
-from navlearn.fusion.loosely_coupled import LooselyCoupledEkf
+from navlearn.fusion.loosely_coupled import LooselyCoupledEkf, map_belief
 from navlearn.fusion.options import EkfOptions
 from navlearn.fusion.sensor_errors import (
     corrected_motion,
@@ -128,10 +128,10 @@ class Navigator:
             Trajectory, shape (..., T) each.
 
         Raises:
-            ShapeError: Batch shapes differ, or the model of the filter has velocity states.
+            ConfigError: The filter's model has velocity states.
         """
         if self.options.filter.has_velocity_states:
-            raise ShapeError(
+            raise ConfigError(
                 "coast: the Shen models carry velocity as a state, which plain mechanization "
                 "cannot start from; run the filter through the outage instead"
             )
@@ -150,8 +150,10 @@ class Navigator:
         earth_rate = wgs84.EARTH_RATE if mechanization.earth_rate else 0.0
         return integrate(belief.state, motion, earth_rate, mechanization.passes)
 
-    def filter_on(self, belief: Belief, samples: RissSample, yaw_rate_error: Tensor) -> Trajectory:
-        """Run the filter on without fixes; it still knows when the car stands.
+    def filter_on(
+        self, belief: Belief, samples: RissSample, yaw_rate_error: Tensor
+    ) -> FilterHistory:
+        """Run the filter on without fixes; unlike :meth:`coast` it still learns at standstill.
 
         Args:
             belief: Where to start, no batch axes.
@@ -159,7 +161,7 @@ class Navigator:
             yaw_rate_error: Error of the yaw rate to remove first, rad/s, shape (T,).
 
         Returns:
-            Trajectory, shape (T,) each.
+            What the filter believed; its indices count from the first of these samples.
         """
         none = samples.dt[:0]
         with torch.no_grad():
@@ -170,7 +172,7 @@ class Navigator:
                 FixTiming(none.to(torch.int64), none),
                 method=self.options.method,
             )
-        return history.trajectory
+        return history
 
 
 def belief_at(history: FilterHistory, block: Tensor | int) -> Belief:
@@ -183,11 +185,7 @@ def belief_at(history: FilterHistory, block: Tensor | int) -> Belief:
     Returns:
         Belief, batch shape (...).
     """
-    whole = history.belief
-    return Belief(
-        type(whole.state)(*(channel[block] for channel in whole.state)),
-        *(channel[block] for channel in whole[1:]),
-    )
+    return map_belief(history.belief, lambda channel: channel[block])
 
 
 def without_position_error(

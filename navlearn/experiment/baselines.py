@@ -1,7 +1,7 @@
 """The methods that learn nothing: dead reckoning, and the filter with and without a gyro bias."""
 
 from dataclasses import replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -9,6 +9,7 @@ import torch
 
 from navlearn.experiment.drive import timeline_of
 from navlearn.fusion.dead_reckoning import DeadReckoningOptions, dead_reckoning_start
+from navlearn.fusion.history import FilterHistory
 from navlearn.fusion.options import EkfOptions
 from navlearn.logs.drive_log import DriveLog
 from navlearn.logs.resample import RissTimeline
@@ -16,6 +17,7 @@ from navlearn.mechanization.riss_parallel import riss_over_time
 from navlearn.navigator import Navigator, NavigatorOptions, NavigatorRun
 from navlearn.outages.replay import Solution
 from navlearn.outages.schedule import Outage
+from navlearn.outages.store import log_fingerprint
 from navlearn.recipe import Recipe
 from navlearn.recipe.filter_options import ekf_options
 from navlearn.states import RissSample, Trajectory
@@ -38,26 +40,25 @@ def filter_options(recipe: Recipe, method: str = "ekf") -> EkfOptions:
 
 
 class FilterRuns:
-    """Filter runs to the end of each outage, made once and shared by the methods."""
+    """Filter runs over known logs, made once and shared by the methods."""
 
     def __init__(self, recipe: Recipe) -> None:
         self.recipe = recipe
-        self._made: dict[tuple[str, float, float], tuple[RissTimeline, Navigator, NavigatorRun]]
-        self._made = {}
+        self._made: dict[tuple[str, str], tuple[RissTimeline, Navigator, NavigatorRun]] = {}
 
     def run(
-        self, log: DriveLog, outage: Outage, method: str = "ekf"
+        self, log: DriveLog, method: str = "ekf"
     ) -> tuple[RissTimeline, Navigator, NavigatorRun]:
-        """Return timeline, navigator and run of the log that ends with an outage.
+        """Return timeline, navigator and run of a log.
 
         Args:
-            log: The drive up to the outage's end, without fixes from its start.
-            outage: The outage.
+            log: The drive up to an outage's end, without fixes from its start.
             method: Which filter.
         """
-        key = (PLAIN.get(method, "ekf"), outage.start, outage.end)
+        # By what is in it: a log that lacks one more fix must not get the run of another.
+        key = (PLAIN.get(method, "ekf"), log_fingerprint(log))
         if key not in self._made:
-            timeline = timeline_of(log, self.recipe, outage.end)
+            timeline = timeline_of(log, self.recipe)
             navigator = Navigator(NavigatorOptions(filter=filter_options(self.recipe, method)))
             run = navigator.run(timeline.samples, timeline.fixes, timeline.timing)
             self._made[key] = (timeline, navigator, run)
@@ -77,20 +78,10 @@ class FilterMethod:
             log: The drive up to the outage's end, without fixes from its start.
             outage: The outage.
         """
-        timeline, _, run = self.runs.run(log, outage, self.method)
-        t = timeline.t[run.first :]
-        history = run.history
-        table = solution_table(t, history.trajectory, outage)
-        covariance = history.belief.covariance[..., :2, :2].detach()
-        ends = t[history.end].numpy()
-        spread = {
-            "std_e": covariance[:, 0, 0].clamp(min=0.0).sqrt(),
-            "std_n": covariance[:, 1, 1].clamp(min=0.0).sqrt(),
-            "cov_en": covariance[:, 0, 1],
-        }
-        for name, values in spread.items():
-            table[name] = np.interp(table["t"].to_numpy(), ends, values.numpy())
-        return Solution(table=table)
+        timeline, _, run = self.runs.run(log, self.method)
+        return Solution(
+            table=believed_table(timeline.t[run.first :], believed(run.history), outage)
+        )
 
 
 class DeadReckoning:
@@ -107,7 +98,7 @@ class DeadReckoning:
             log: The drive up to the outage's end, without fixes from its start.
             outage: The outage.
         """
-        timeline = timeline_of(log, self.recipe, outage.end)
+        timeline = timeline_of(log, self.recipe)
         start = dead_reckoning_start(
             timeline.samples, timeline.fixes, timeline.timing, self.options
         )
@@ -143,3 +134,48 @@ def solution_table(t: torch.Tensor, trajectory: Trajectory, outage: Outage) -> p
     return pd.DataFrame(
         {"t": times[first:last], **{name: v.detach().numpy() for name, v in columns.items()}}
     )
+
+
+class Believed(NamedTuple):
+    """A filter's solution over a drive, and how sure it is of its position.
+
+    Attributes:
+        trajectory: Solution, shape (T,) each.
+        end: Samples at which the covariance is known, int64, shape (K,).
+        covariance: Of the position error east and north, m², shape (K, 2, 2).
+    """
+
+    trajectory: Trajectory
+    end: torch.Tensor
+    covariance: torch.Tensor
+
+
+def believed(history: FilterHistory) -> Believed:
+    """Return the solution that a filter's history holds.
+
+    Args:
+        history: History of one drive.
+    """
+    return Believed(
+        history.trajectory, history.end, history.belief.covariance[..., :2, :2].detach()
+    )
+
+
+def believed_table(t: torch.Tensor, solution: Believed, outage: Outage) -> pd.DataFrame:
+    """Return a filter's solution through an outage as a table, with its standard deviations.
+
+    Args:
+        t: Times of the trajectory, s, shape (T,).
+        solution: The filter's solution.
+        outage: The outage.
+    """
+    table = solution_table(t, solution.trajectory, outage)
+    covariance, ends = solution.covariance, t[solution.end].numpy()
+    spread = {
+        "std_e": covariance[:, 0, 0].clamp(min=0.0).sqrt(),
+        "std_n": covariance[:, 1, 1].clamp(min=0.0).sqrt(),
+        "cov_en": covariance[:, 0, 1],
+    }
+    for name, values in spread.items():
+        table[name] = np.interp(table["t"].to_numpy(), ends, values.numpy())
+    return table

@@ -4,23 +4,27 @@ Latencies are estimated from what lies before the first scored outage only, once
 method alike.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from navlearn.errors import ConfigError
 from navlearn.logs.clock import without_latency
 from navlearn.logs.drive_log import DriveLog
 from navlearn.logs.quality import Estimate, gnss_latency, odometer_latency
 from navlearn.logs.reading import read_log
-from navlearn.logs.resample import RissTimeline, riss_timeline
+from navlearn.logs.resample import ResampleOptions, RissTimeline, riss_timeline
 from navlearn.outages.placement import place_outages
 from navlearn.outages.schedule import Placement
 from navlearn.recipe import Recipe
 
 CLEAR = 3.0
-"""A latency is removed where it is this many of its own standard deviations from zero."""
+"""A latency is removed where it is this many of its own standard deviations from zero, ..."""
+
+WELL_KNOWN = 0.05
+"""... and known to this standard deviation, s: a wrong shift harms more than none."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,22 +84,17 @@ def set_clocks(log: DriveLog, recipe: Recipe, until: float) -> tuple[DriveLog, t
     """Return the log with its latencies removed, and what was removed.
 
     Args:
-        log: The log; latencies that its reader knows stay as they are where the recipe says
-            ``estimate``.
-        recipe: Its ``calibration`` section tells numbers, or ``estimate``.
+        log: The log, with its latencies still in its times or already taken off.
+        recipe: Its ``calibration`` section tells numbers, or ``estimate``: then what the log's
+            descriptor states is taken, and what it does not state is estimated.
         until: Nothing at or after this time is used, s.
     """
-    known = log.metadata
-    if known.latency_removed:
-        return log, ("clocks: latencies were removed by the log's descriptor",)
-    wanted = recipe.calibration
-    notes = []
-    values: dict[str, float] = {}
+    notes, values = [], {}
     for name, asked, estimate in (
-        ("gnss_latency", wanted.gnss_latency, gnss_latency),
-        ("odometer_latency", wanted.odometer_latency, odometer_latency),
+        ("gnss_latency", recipe.calibration.gnss_latency, gnss_latency),
+        ("odometer_latency", recipe.calibration.odometer_latency, odometer_latency),
     ):
-        stated = float(getattr(known, name))
+        stated = float(getattr(log.metadata, name))
         if asked != "estimate":
             values[name], how = float(asked), "as the recipe says"
         elif stated != 0.0:
@@ -103,37 +102,45 @@ def set_clocks(log: DriveLog, recipe: Recipe, until: float) -> tuple[DriveLog, t
         else:
             values[name], how = _clear(estimate(log, until=until), until)
         notes.append(f"clocks: {name} {values[name]:+.3f} s, {how}")
-    metadata = replace(
-        known, gnss_latency=values["gnss_latency"], odometer_latency=values["odometer_latency"]
-    )
-    return without_latency(replace(log, metadata=metadata)), tuple(notes)
+    return _without(log, values), tuple(notes)
+
+
+def _without(log: DriveLog, latencies: Mapping[str, float]) -> DriveLog:
+    """Return the log with these latencies removed, whatever of them was removed before."""
+    known = log.metadata
+    rest = {
+        name: value - (float(getattr(known, name)) if known.latency_removed else 0.0)
+        for name, value in latencies.items()
+    }
+    remaining: dict[str, Any] = {**rest, "latency_removed": False}
+    removed: dict[str, Any] = {**latencies, "latency_removed": True}
+    shifted = without_latency(replace(log, metadata=replace(known, **remaining)))
+    return replace(shifted, metadata=replace(known, **removed))
 
 
 def _clear(found: Estimate | None, until: float) -> tuple[float, str]:
-    before = f"from the drive before {until:.0f} s"
+    before = "from the drive" + (f" before {until:.0f} s" if np.isfinite(until) else "")
     if found is None:
         return 0.0, f"not observable {before}"
     if abs(found.value) < CLEAR * found.std:
         return 0.0, f"{found.value:+.3f} ± {found.std:.3f} s {before} is not clear of zero"
+    if found.std > WELL_KNOWN:
+        return 0.0, f"{found.value:+.3f} ± {found.std:.3f} s {before} is too uncertain to use"
     return found.value, f"± {found.std:.3f} s {before}"
 
 
-def timeline_of(log: DriveLog, recipe: Recipe, end: float | None = None) -> RissTimeline:
+def timeline_of(log: DriveLog, recipe: Recipe) -> RissTimeline:
     """Return a log as the tensors that filters take.
+
+    A drive that is cut at the end of an outage is cut between two odometer samples; the last
+    speed is held there for as long as a gap within the drive may be bridged.
 
     Args:
         log: The log, latencies removed.
         recipe: Its ``mechanization`` section tells rate and dimensions.
-        end: The odometer's last value is held until then where its samples end a moment
-            earlier, s; None holds nothing.
     """
-    if end is not None:
-        log = replace(log, odometer=_held(log.odometer, end))
-    return riss_timeline(log, rate_hz=recipe.mechanization.rate_hz, dims=recipe.mechanization.dims)
+    section = recipe.mechanization
+    return riss_timeline(log, rate_hz=section.rate_hz, dims=section.dims, options=_RESAMPLING)
 
 
-def _held(odometer: pd.DataFrame, end: float) -> pd.DataFrame:
-    if odometer.empty or float(odometer["t"].iloc[-1]) >= end:
-        return odometer
-    last = odometer.iloc[[-1]].assign(t=end)
-    return pd.concat([odometer, last], ignore_index=True)
+_RESAMPLING = ResampleOptions(max_odometer_hold=ResampleOptions.max_odometer_gap)

@@ -3,8 +3,9 @@
 import json
 import math
 import shlex
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +14,18 @@ import torch
 import yaml
 
 from navlearn.error_models.storage import save_error_model
-from navlearn.experiment.baselines import PLAIN, DeadReckoning, FilterMethod, FilterRuns
+from navlearn.errors import ConfigError
+from navlearn.experiment.baselines import (
+    PLAIN,
+    DeadReckoning,
+    FilterMethod,
+    FilterRuns,
+    filter_options,
+)
 from navlearn.experiment.drive import Drive, prepare_drive
-from navlearn.experiment.learned import Learned, LearnedMethod
+from navlearn.experiment.learned import Learned
+from navlearn.experiment.learned_method import LearnedMethod
+from navlearn.export.example import save_example
 from navlearn.outages.maps import Scene
 from navlearn.outages.output import OutputFolder, prepare_output_folder
 from navlearn.outages.replay import Method, Replay, replay
@@ -49,11 +59,32 @@ class RunResult:
     summary: Mapping[str, Any]
 
 
-def build_methods(recipe: Recipe) -> dict[str, Method]:
+def check_recipe(recipe: Recipe) -> None:
+    """Refuse a recipe whose filter leaves its error models nothing to act on.
+
+    Args:
+        recipe: The recipe.
+
+    Raises:
+        ConfigError: The filter's model has no plain mechanization.
+    """
+    if recipe.models and filter_options(recipe).has_velocity_states:
+        names = ", ".join(spec.name for spec in recipe.models)
+        raise ConfigError(
+            f"recipe {recipe.name}: {names} corrects a mechanization, but the filter's model "
+            f"{recipe.filter['model']} carries velocity as a state; take another filter model or "
+            "leave the error models out"
+        )
+
+
+def build_methods(
+    recipe: Recipe, keep: Callable[[str, Learned], None] | None = None
+) -> dict[str, Method]:
     """Return the methods that a recipe compares, in its order.
 
     Args:
         recipe: The recipe.
+        keep: Called with the name of each model and every fit of it.
     """
     runs = FilterRuns(recipe)
     methods: dict[str, Method] = {}
@@ -63,7 +94,7 @@ def build_methods(recipe: Recipe) -> dict[str, Method]:
         elif name in BASELINES:
             methods[name] = FilterMethod(runs, name)
         else:
-            methods[name] = LearnedMethod(runs, recipe.model(name))
+            methods[name] = LearnedMethod(runs, recipe.model(name), keep)
     return methods
 
 
@@ -72,7 +103,8 @@ def run_recipe(
 ) -> RunResult:
     """Run a recipe and write its folder.
 
-    An interrupted run goes on where it stopped when it is started again.
+    An interrupted run goes on where it stopped when it is started again. Each model is saved
+    whenever it is fitted, before the solution that it made; the last outage's is what stays.
 
     Args:
         recipe: The recipe.
@@ -85,15 +117,17 @@ def run_recipe(
 
     Raises:
         OutputExistsError: The folder holds a finished run, or files that no run wrote.
-        LogError: The log cannot be used, or the outages do not fit into it.
+        LogError: The log cannot be used, or the outages do not fit into it; no folder is made.
+        ConfigError: Parts of the recipe do not go together; no folder is made.
     """
-    output = prepare_output_folder(Path(out), force)
+    check_recipe(recipe)
     drive = prepare_drive(recipe)
+    output = prepare_output_folder(Path(out), force)
     resolved = recipe.resolved()
     text = yaml.safe_dump(resolved, sort_keys=False, allow_unicode=True)
     output.claim("recipe.yaml").write_text(text, encoding="utf-8")
     torch.manual_seed(recipe.seed)
-    methods = build_methods(recipe)
+    methods = build_methods(recipe, partial(save_learned, output))
     found = replay(
         drive.log,
         drive.placement.outages,
@@ -102,7 +136,6 @@ def run_recipe(
         settings=_settings(recipe, drive),
         progress=progress,
     )
-    _save_models(output, methods)
     summary = _run_summary(recipe, drive, found, resolved["versions"], output.path)
     scene = Scene(log=drive.log, outages=drive.placement.outages, replay=found)
     summary = write_results(output, summary, [scene])
@@ -131,15 +164,10 @@ def _settings(recipe: Recipe, drive: Drive) -> dict[str, object]:
     return settings
 
 
-def _save_models(output: OutputFolder, methods: Mapping[str, Method]) -> None:
-    """Save each model as fitted before the last outage, with regressors to try it on."""
-    for name, method in methods.items():
-        if isinstance(method, LearnedMethod) and method.last is not None:
-            save_learned(output, name, method.last)
-
-
 def save_learned(output: OutputFolder, name: str, learned: Learned) -> None:
     """Write a fitted model and an example of its regressors into a run's folder.
+
+    What an earlier fit left there is replaced.
 
     Args:
         output: The run's folder.
@@ -147,7 +175,7 @@ def save_learned(output: OutputFolder, name: str, learned: Learned) -> None:
         learned: The model.
     """
     save_error_model(learned.fitted, output.claim(f"models/{name}.pt"), force=True)
-    torch.save({"u": learned.example}, output.claim(f"models/{name}_example.pt"))
+    save_example(learned.example, output.claim(f"models/{name}_example.pt"))
 
 
 def _run_summary(
@@ -192,7 +220,8 @@ def _learned_summary(spec: ModelSpec, found: Replay) -> MethodSummary:
     gains = [float(str(notes["gate_improvement_percent"])) for notes in mine
              if "gate_improvement_percent" in notes]  # fmt: skip
     known = [gain for gain in gains if math.isfinite(gain)]
-    notes = [f"the gate let it act in {used} of {len(mine)} outages"]
+    why = "the gate let it act" if spec.safeguard.gate else "without a gate it acted"
+    notes = [f"{why} in {used} of {len(mine)} outages"]
     if known:
         middle = float(pd.Series(known).median())
         notes.append(f"median improvement on the gate's emulated outages {middle:+.1f} %")

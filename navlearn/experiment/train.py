@@ -10,7 +10,7 @@ from navlearn.errors import ConfigError
 from navlearn.experiment.baselines import filter_options
 from navlearn.experiment.drive import open_log, set_clocks, timeline_of
 from navlearn.experiment.learned import Learned, learn
-from navlearn.experiment.run import save_learned
+from navlearn.experiment.run import check_recipe, save_learned
 from navlearn.navigator import Navigator, NavigatorOptions
 from navlearn.outages.output import prepare_output_folder
 from navlearn.recipe import Recipe
@@ -44,18 +44,20 @@ def train_recipe(
         The folder and the models.
 
     Raises:
-        ConfigError: The recipe has no model.
+        ConfigError: The recipe has no model, or one that its filter leaves nothing to act on.
         FitError: The drive is too short to learn from.
         OutputExistsError: The folder holds a finished run, or files that no run wrote.
     """
     if not recipe.models:
         raise ConfigError(f"recipe {recipe.name}: it names no models; there is nothing to train")
-    output = prepare_output_folder(Path(out), force)
-    log = open_log(recipe)
-    log, _ = set_clocks(log, recipe, float("inf"))
+    check_recipe(recipe)
+    log, _ = set_clocks(open_log(recipe), recipe, float("inf"))
     timeline = timeline_of(log, recipe)
     navigator = Navigator(NavigatorOptions(filter=filter_options(recipe)))
     run = navigator.run(timeline.samples, timeline.fixes, timeline.timing)
+    output = prepare_output_folder(Path(out), force)
+    text = yaml.safe_dump(recipe.resolved(), sort_keys=False, allow_unicode=True)
+    output.claim("recipe.yaml").write_text(text, encoding="utf-8")
     torch.manual_seed(recipe.seed)
     models = {}
     for spec in recipe.models:
@@ -65,11 +67,10 @@ def train_recipe(
             navigator,
             run,
             end=int(run.samples.dt.shape[-1]),
+            begin=float(timeline.t[run.first] - run.samples.dt[0]),
             log_name=log.metadata.name,
             progress=progress,
         )
         save_learned(output, spec.name, models[spec.name])
-    text = yaml.safe_dump(recipe.resolved(), sort_keys=False, allow_unicode=True)
-    output.claim("recipe.yaml").write_text(text, encoding="utf-8")
     output.finish()
     return TrainResult(folder=output.path, models=models)

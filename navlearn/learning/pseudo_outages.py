@@ -16,6 +16,7 @@ from navlearn.error_models.regressors import average_samples, build_regressors
 from navlearn.errors import ConfigError, FitError
 from navlearn.filters.belief import Belief
 from navlearn.frames import enu_between
+from navlearn.fusion.loosely_coupled import map_belief
 from navlearn.learning.windows import Windows
 from navlearn.navigator import Navigator, NavigatorRun, belief_at
 from navlearn.states import RissSample, Trajectory
@@ -51,6 +52,11 @@ class PseudoOutageOptions:
                 f"pseudo-outages: step is {self.step} s and horizon {self.horizon} s; expected "
                 "0 < step <= horizon"
             )
+        for name in ("every", "minimum_distance", "settle"):
+            if not getattr(self, name) >= 0.0:
+                raise ConfigError(
+                    f"pseudo-outages: {name} is {getattr(self, name)}; expected zero or more"
+                )
 
 
 class PseudoOutages(NamedTuple):
@@ -61,7 +67,7 @@ class PseudoOutages(NamedTuple):
         samples: Sensor intervals through them, shape (N, L) each.
         predicted: The mechanized trajectory, shape (N, L) each.
         reference: What the filter knew later, shape (N, L) each.
-        start_time: Starts, s after the filter's start, shape (N,).
+        start_time: Starts, on the clock of ``begin``, s, shape (N,).
         block: Samples per step.
     """
 
@@ -74,7 +80,12 @@ class PseudoOutages(NamedTuple):
 
 
 def emulate_outages(
-    navigator: Navigator, run: NavigatorRun, options: PseudoOutageOptions, *, end: int | None = None
+    navigator: Navigator,
+    run: NavigatorRun,
+    options: PseudoOutageOptions,
+    *,
+    end: int | None = None,
+    begin: float = 0.0,
 ) -> PseudoOutages:
     """Mechanize without fixes from many moments of a run.
 
@@ -83,6 +94,7 @@ def emulate_outages(
         run: A run with fixes.
         options: Lengths and distances.
         end: Only samples before this one (from the run's first) exist; None takes all.
+        begin: When the run's first interval begins, s.
 
     Returns:
         The emulated outages, in order of time.
@@ -108,7 +120,9 @@ def emulate_outages(
     belief = belief_at(history, blocks[far])
     reference = Trajectory(*(channel[rows[far]] for channel in history.trajectory))
     predicted = navigator.coast(belief, window)
-    return PseudoOutages(belief, window, predicted, reference, starts[far] * dt, block)
+    return PseudoOutages(
+        belief, window, predicted, reference, begin + (starts[far] + 1) * dt, block
+    )
 
 
 def _starts(
@@ -154,8 +168,8 @@ def error_increments(outages: PseudoOutages, acts_on: str) -> Tensor:
     predicted = Trajectory(*(channel[:, at] for channel in outages.predicted))
     reference = Trajectory(*(channel[:, at] for channel in outages.reference))
     if acts_on == "azimuth_rate":
-        error = wrap_angle(predicted.azimuth - reference.azimuth)
-        return _increments(error).unsqueeze(-1)
+        error = _increments(predicted.azimuth - reference.azimuth)
+        return wrap_angle(error).unsqueeze(-1)
     east, north, _ = enu_between(
         predicted.lat,
         predicted.lon,
@@ -171,6 +185,23 @@ def error_increments(outages: PseudoOutages, acts_on: str) -> Tensor:
 
 def _increments(total: Tensor) -> Tensor:
     return torch.diff(total, dim=-1, prepend=torch.zeros_like(total[..., :1]))
+
+
+def select_outages(outages: PseudoOutages, index: Tensor) -> PseudoOutages:
+    """Return some of the emulated outages.
+
+    Args:
+        outages: Emulated outages.
+        index: Which, int64, shape (N',), or bool, shape (N,).
+    """
+    return PseudoOutages(
+        map_belief(outages.belief, lambda channel: channel[index]),
+        RissSample(*(channel[index] for channel in outages.samples)),
+        Trajectory(*(channel[index] for channel in outages.predicted)),
+        Trajectory(*(channel[index] for channel in outages.reference)),
+        outages.start_time[index],
+        outages.block,
+    )
 
 
 def step_regressors(samples: RissSample, names: tuple[str, ...], block: int) -> Tensor:

@@ -97,9 +97,13 @@ def _remove(folder: Path, name: str) -> None:
     if not path.resolve().is_relative_to(folder.resolve()):
         raise OutputExistsError(f"{folder / MARKER}: lists {name}, which is not in the folder")
     if name.endswith("/"):
-        for file in path.glob("*"):
+        files = list(path.iterdir()) if path.is_dir() else []
+        for file in files:
             if file.is_file():
                 file.unlink()
+        # Else the empty folder would look like somebody else's when it is claimed again.
+        if path.is_dir() and not any(path.iterdir()):
+            path.rmdir()
     else:
         path.unlink(missing_ok=True)
 

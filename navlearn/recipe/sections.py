@@ -128,6 +128,8 @@ class TrainingSection(Section):
         step_s: Sampling interval of regressors and targets.
         window_s: How far back before the outage training reaches; null for all of it.
         gap_s: Time left unused between training and validation data.
+        minimum_distance: Emulated outages in which the car drives less are left out, m.
+        settle_s: Time after the filter's alignment in which no emulated outage starts.
     """
 
     regime: Literal["online"] = "online"
@@ -136,6 +138,8 @@ class TrainingSection(Section):
     step_s: Positive = 1.0
     window_s: Positive | None = None
     gap_s: NotNegative = 10.0
+    minimum_distance: NotNegative = 60.0
+    settle_s: NotNegative = 60.0
 
     @model_validator(mode="after")
     def _lengths_fit(self) -> "TrainingSection":
