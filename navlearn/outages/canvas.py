@@ -12,6 +12,7 @@ from navlearn.errors import MissingExtraError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
 Dash = str | tuple[float, tuple[float, ...]]
@@ -84,12 +85,28 @@ def logarithmic(axes: "Axes") -> None:
     Args:
         axes: The axes.
     """
+    axes.set_xscale("log")
+    _plain_numbers(axes.xaxis)
+
+
+def logarithmic_up(axes: "Axes", lowest: float) -> None:
+    """Make the vertical axis logarithmic, labelled with plain numbers.
+
+    Args:
+        axes: The axes.
+        lowest: Where the axis begins at the lowest.
+    """
+    axes.set_yscale("log")
+    axes.set_ylim(bottom=max(axes.get_ylim()[0], lowest))
+    _plain_numbers(axes.yaxis)
+
+
+def _plain_numbers(axis: "Axis") -> None:
     from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
-    axes.set_xscale("log")
-    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-    axes.xaxis.set_minor_formatter(NullFormatter())
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def tidy(axes: "Axes", xlabel: str = "", ylabel: str = "") -> None:

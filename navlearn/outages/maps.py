@@ -10,14 +10,18 @@ import pandas as pd
 
 from navlearn.logs.drive_log import DriveLog
 from navlearn.outages.canvas import FIX, INK, REFERENCE, ROAD, Dash, new_figure, save, styles, tidy
+from navlearn.outages.metrics import road_figures
 from navlearn.outages.replay import Replay
 from navlearn.outages.schedule import Outage
-from navlearn.outages.track import Array, Track, driven, enu_metres, local_metres, track_of
+from navlearn.outages.track import Array, Track, enu_metres, local_metres, track_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 PANELS_PER_ROW = 5
+
+FAR = 6.0
+"""A drift of so many times the median method's leaves its panel, so that the others are seen."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,6 +136,7 @@ def plot_drifts(path: Path, scene: Scene, most: int = 20) -> Path:
 
 
 def _drift_panel(axes: "Axes", scene: Scene, track: Track, number: int, outage: Outage) -> None:
+    reach, away = _reach(scene, number)
     for name, (color, dash) in styles(scene.methods).items():
         errors = scene.replay.errors.get((name, number))
         if errors is None:
@@ -141,17 +146,35 @@ def _drift_panel(axes: "Axes", scene: Scene, track: Track, number: int, outage: 
         axes.plot(east, north, color=color, linestyle=dash, linewidth=1.7, label=name)
         axes.plot(east[-1], north[-1], "o", color=color, markersize=5.5)
     axes.plot(0.0, 0.0, marker="+", color=REFERENCE, markersize=11, markeredgewidth=1.6, zorder=5)
-    # Equal room on all sides of the truth, so that panels can be compared at a glance.
-    reach = 1.25 * max(np.abs([*axes.get_xlim(), *axes.get_ylim()]).max(), 1.0)
     axes.set_xlim(-reach, reach)
     axes.set_ylim(-reach, reach)
     axes.set_aspect("equal")
     tidy(axes)
     axes.tick_params(labelsize=7.5)
     part = track.between(outage.start, outage.end)
-    length = float(driven(part)[-1])
+    length = road_figures(track, outage)["distance_m"]
     axes.set_title(f"{number}: from {outage.start:.0f} s, {length:.0f} m", fontsize=9.5, color=INK)
+    if away:
+        axes.text(
+            0.5, 0.02, "\n".join(away), transform=axes.transAxes, fontsize=7.5, color=INK,
+            ha="center", va="bottom",
+        )  # fmt: skip
     _road_sketch(axes, part, _free_corner(scene, number))
+
+
+def _reach(scene: Scene, number: int) -> tuple[float, list[str]]:
+    """Return the half width of a panel, m, and words for methods that drift far out of it."""
+    largest = {
+        name: float(scene.replay.errors[name, number]["horizontal"].max())
+        for name in scene.methods
+        if (name, number) in scene.replay.errors
+    }
+    if not largest:
+        return 1.0, []
+    limit = FAR * float(np.median(list(largest.values())))
+    inside = [value for value in largest.values() if value <= limit] or list(largest.values())
+    away = [f"{name} leaves: {value:.0f} m" for name, value in largest.items() if value > limit]
+    return 1.35 * max(*inside, 1.0), away
 
 
 def _free_corner(scene: Scene, number: int) -> tuple[float, float]:

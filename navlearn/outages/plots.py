@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from navlearn.outages.canvas import INK, logarithmic, new_figure, save, styles, tidy
+from navlearn.outages.canvas import INK, logarithmic, logarithmic_up, new_figure, save, styles, tidy
+from navlearn.outages.naming import axis_label
 from navlearn.outages.replay import Replay
 from navlearn.outages.statistics import HEADLINE
 from navlearn.outages.track import Array
@@ -34,6 +35,7 @@ def plot_error_growth(path: Path, replays: Sequence[Replay]) -> Path:
     grid = np.linspace(0.0, float(durations.max()), 121)
     figure = new_figure(8.0, 4.8)
     axes = figure.subplots()
+    ends: list[float] = []
     for name, (color, dash) in styles(methods).items():
         curves = _curves(replays, name, grid)
         if curves.size == 0:
@@ -41,9 +43,13 @@ def plot_error_growth(path: Path, replays: Sequence[Replay]) -> Path:
         low, middle, high = np.nanpercentile(curves, [25.0, 50.0, 75.0], axis=0)
         axes.fill_between(grid, low, high, color=color, alpha=0.13, linewidth=0.0)
         axes.plot(grid, middle, color=color, linestyle=dash, linewidth=2.0, label=name)
+        ends.append(float(middle[np.isfinite(middle)][-1]))
     tidy(axes, "time since GNSS was lost (s)", "horizontal error (m)")
     axes.set_xlim(0.0, grid[-1])
-    axes.set_ylim(bottom=0.0)
+    if ends and max(ends) > LOG_FROM * min(ends):
+        logarithmic_up(axes, 0.1)
+    else:
+        axes.set_ylim(bottom=0.0)
     outages = sum(int((one.rows["method"] == methods[0]).sum()) for one in replays)
     axes.set_title(f"Error growth, {outages} outages: median and quartiles", color=INK)
     axes.legend(frameon=False, loc="upper left")
@@ -93,11 +99,11 @@ def plot_distribution(path: Path, rows: pd.DataFrame, metric: str = HEADLINE) ->
     every = np.concatenate(list(found.values()))
     if every.size and every.min() > 0.0 and every.max() > LOG_FROM * every.min():
         logarithmic(boxes)
-    label = _label(metric)
+    label = axis_label(metric)
     tidy(boxes, label)
     tidy(shares, label, "share of outages with less (%)")
     shares.set_ylim(0.0, 101.0)
-    shares.legend(frameon=False, loc="lower right")
+    shares.legend(loc="best", framealpha=0.85, edgecolor="none")
     return save(figure, path)
 
 
@@ -135,16 +141,3 @@ def _curves(replays: Sequence[Replay], name: str, grid: Array) -> Array:
 def _values(rows: pd.DataFrame, name: str, metric: str) -> Array:
     values = np.asarray(rows.loc[rows["method"] == name, metric], dtype=np.float64)
     return values[np.isfinite(values)]
-
-
-def _label(metric: str) -> str:
-    units = {"_m_per_s": " (m/s)", "_percent": " (% of distance)", "_deg": " (°)", "_m": " (m)"}
-    for ending, unit in units.items():
-        if metric.endswith(ending):
-            return _words(metric.removesuffix(ending)) + unit
-    return _words(metric)
-
-
-def _words(name: str) -> str:
-    short = {"max": "maximum", "rms": "RMS"}
-    return " ".join(short.get(word, word) for word in name.split("_"))

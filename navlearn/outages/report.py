@@ -6,13 +6,21 @@ from pathlib import Path
 
 import pandas as pd
 
-from navlearn.outages.run_summary import DriveSummary, RunSummary
+from navlearn.outages.naming import axis_label
+from navlearn.outages.run_summary import DriveSummary, RunSummary, comparisons
 from navlearn.outages.schedule import OutageProtocol
 from navlearn.outages.statistics import Comparison, averages
-from navlearn.outages.tables import comparisons
-from navlearn.outages.wording import meaning
+from navlearn.outages.wording import BASELINE_VERDICTS, meaning
 
 MOST_OUTAGES = 60
+REGIMES = {
+    "none": "nothing is learned",
+    "online": "learned on this drive, anew for each outage, from what lies before it",
+    "other-drives": "learned on other drives, then frozen",
+    "adapted": "learned on other drives, then adapted to what lies before each outage",
+}
+"""Training regimes in words."""
+
 OTHER_FIGURES = (
     "rms_horizontal_error_m",
     "final_horizontal_error_m",
@@ -57,6 +65,7 @@ def report_text(summary: RunSummary) -> str:
         "\n## Drives and protocol\n",
         *(_drive_text(drive) for drive in summary.drives),
         _protocol_text(summary.protocol),
+        *_setup(summary),
         *_exclusions(summary.drives),
         *_figures(summary),
         "\n## Every outage\n",
@@ -82,10 +91,13 @@ def markdown_table(header: Sequence[str], lines: Sequence[Sequence[str]]) -> str
 
 def _methods_section(summary: RunSummary) -> list[str]:
     table = {name: averages(summary.rows, name, summary.metric) for name in summary.methods}
-    out = [f"By `{summary.metric}` over the outages.\n"]
+    out = [
+        f"By `{summary.metric}`: {axis_label(summary.metric)} of each outage, then the mean, "
+        "median and 90th percentile over the outages.\n"
+    ]
     out.append(
         markdown_table(
-            ("method", "trained", "outages", "failed", "mean", "median", "90 %"),
+            ("method", "training", "outages", "failed", "mean", "median", "90 %"),
             [
                 (
                     name,
@@ -100,18 +112,20 @@ def _methods_section(summary: RunSummary) -> list[str]:
     )
     out += [f"- **{name}**: {about.description}" for name, about in summary.methods.items()]
     out += [f"- {name}: {note}" for name, about in summary.methods.items() for note in about.notes]
+    used = dict.fromkeys(about.regime for about in summary.methods.values())
+    out += [f"- Training `{regime}`: {REGIMES[regime]}." for regime in used if regime in REGIMES]
     for baseline in summary.baselines:
         found = comparisons(summary, baseline)
         if found:
-            out += [f"\n### Against `{baseline}`\n", _comparison_table(found)]
+            out += [f"\n### Against `{baseline}`\n", _comparison_table(summary, found)]
     out += ["\n### Other figures (median over outages)\n", _other_figures(summary)]
     return out
 
 
-def _comparison_table(found: dict[str, Comparison]) -> str:
+def _comparison_table(summary: RunSummary, found: dict[str, Comparison]) -> str:
     header = (
-        "method", "improvement %", "95 % interval", "better in", "sign test p", "harm count",
-        "verdict",
+        "method", "improvement %", "95 % interval", "better in", "sign test p",
+        "over 10 % worse in", "verdict",
     )  # fmt: skip
     lines = [
         (
@@ -121,28 +135,43 @@ def _comparison_table(found: dict[str, Comparison]) -> str:
             f"{one.wins} of {one.pairs}" + (f", {one.ties} equal" if one.ties else ""),
             f"{one.sign_test_p:.3f}",
             str(one.harm_count),
-            one.verdict,
+            _verdict(summary, name, one),
         )
         for name, one in found.items()
     ]
     drawn = {f"{one.units} {one.drawn_by}s" for one in found.values()}
     note = (
-        f"Ratio of means; paired bootstrap drawn from {' / '.join(sorted(drawn))}. Harm count: "
-        "outages made worse by more than 10 %. A verdict is given only where the interval "
-        "excludes zero.\n"
+        "Improvement: by how much the mean error is smaller than the baseline's (negative: "
+        f"larger); paired bootstrap drawn from {' / '.join(sorted(drawn))}. A verdict is given "
+        "only where the interval excludes zero.\n"
     )
     return markdown_table(header, lines) + "\n" + note
+
+
+def _verdict(summary: RunSummary, name: str, found: Comparison) -> str:
+    if summary.methods[name].regime == "none":
+        return BASELINE_VERDICTS.get(found.verdict, "no evidence")
+    if found.pairs and found.ties == found.pairs and found.failed == 0:
+        return "never acted"
+    return found.verdict
 
 
 def _other_figures(summary: RunSummary) -> str:
     shown = [name for name in OTHER_FIGURES if summary.rows[name].notna().any()]
     medians = summary.rows.groupby("method")[shown].median()
-    return markdown_table(
+    table = markdown_table(
         ("figure", *summary.methods),
         [
             (f"`{name}`", *(_number(medians.loc[method, name]) for method in summary.methods))
             for name in shown
         ],
+    )
+    if "share_in_95_ellipse" not in shown:
+        return table
+    return (
+        f"{table}\n`share_in_95_ellipse` is the share of the outage in which the 95 % ellipse of "
+        "the method's own covariance holds the car; far below 0.95 the method is surer than it "
+        "should be.\n"
     )
 
 
@@ -185,6 +214,12 @@ def _protocol_text(protocol: OutageProtocol) -> str:
     )
 
 
+def _setup(summary: RunSummary) -> list[str]:
+    if not summary.setup:
+        return []
+    return ["**What came from what.**\n", *(f"- {line}" for line in summary.setup), ""]
+
+
 def _exclusions(drives: Sequence[DriveSummary]) -> list[str]:
     lines = [
         (drive.name, f"{one.start:.1f}", f"{one.end:.1f}", one.reason)
@@ -192,7 +227,7 @@ def _exclusions(drives: Sequence[DriveSummary]) -> list[str]:
         for one in drive.placement.excluded
     ]
     if not lines:
-        return ["**Excluded.** Nothing: the reference is good throughout.\n"]
+        return ["**Excluded.** Nothing: these rules found nothing bad in any drive.\n"]
     return ["**Excluded.**\n", markdown_table(("drive", "from s", "to s", "reason"), lines)]
 
 

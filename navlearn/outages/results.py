@@ -58,8 +58,11 @@ def write_figures(
         Captions by file name.
     """
     captions = {
-        "error_growth.png": "Horizontal error through the outages: median and quartiles.",
-        "distribution.png": f"Distribution of `{summary.metric}` over outages.",
+        "error_growth.png": "Horizontal error through the outages: the line is the median over "
+        "outages, the band reaches from quartile to quartile.",
+        "distribution.png": f"`{summary.metric}` over outages. Left: a dot per outage; the box "
+        "reaches from quartile to quartile, its bar is the median, whiskers reach to the farthest "
+        "outage within one and a half boxes. Right: share of the outages below an error.",
     }
     plot_error_growth(output.claim("error_growth.png"), [scene.replay for scene in scenes])
     plot_distribution(output.claim("distribution.png"), summary.rows, summary.metric)
@@ -70,6 +73,7 @@ def write_figures(
         plot_drifts(output.claim("drifts" + ending), scene)
         captions["track" + ending] = f"Track of {name} with the outages and each method's drift."
         captions["drifts" + ending] = (
-            f"Drift of each method through the outages of {name}, seen from where the car is."
+            f"Drift of each method through the outages of {name}, seen from where the car is (the "
+            "cross): dots are the errors at the end, the grey sketch is the road, north up."
         )
     return captions

@@ -1,4 +1,4 @@
-"""What a run hands to its report."""
+"""What a run hands to its report, and how its methods compare."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import pandas as pd
 
 from navlearn.outages.schedule import OutageProtocol, Placement
-from navlearn.outages.statistics import HEADLINE
+from navlearn.outages.statistics import HEADLINE, Comparison, compare
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,6 +64,7 @@ class RunSummary:
         baselines: Methods that the others are compared with.
         metric: Column by which methods are compared.
         remarks: Said before anything else, such as "semi-synthetic".
+        setup: What was estimated or learned from what, a sentence each.
         resamples: Bootstrap draws.
         bootstrap_seed: Of the draws.
         figures: Captions of the figures by file name, relative to the report.
@@ -81,6 +82,30 @@ class RunSummary:
     baselines: tuple[str, ...] = ("ekf", "ekf_plain")
     metric: str = HEADLINE
     remarks: tuple[str, ...] = ()
+    setup: tuple[str, ...] = ()
     resamples: int = 5000
     bootstrap_seed: int = 0
     figures: Mapping[str, str] = field(default_factory=dict)
+
+
+def comparisons(summary: RunSummary, baseline: str) -> dict[str, Comparison]:
+    """Return every other method's comparison with a baseline, by the headline metric.
+
+    Args:
+        summary: The run.
+        baseline: Name of the baseline; a run without it has no comparisons.
+    """
+    if baseline not in summary.methods:
+        return {}
+    return {
+        name: compare(
+            summary.rows,
+            name,
+            baseline,
+            metric=summary.metric,
+            resamples=summary.resamples,
+            seed=summary.bootstrap_seed,
+        )
+        for name in summary.methods
+        if name != baseline
+    }

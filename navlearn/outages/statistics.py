@@ -36,7 +36,9 @@ class Comparison:
         sign_test_p: Two-sided p of the sign test, ties left out.
         harm_count: Outages in which the method is more than 10 % worse, or failed where the
             baseline did not.
-        verdict: ``helps`` or ``harms`` where the interval excludes zero, else ``no evidence``.
+        failed: Of these, the failures.
+        verdict: ``helps`` or ``harms`` where the interval excludes zero, else ``no evidence``;
+            never ``helps`` where the method failed and the baseline did not.
     """
 
     pairs: int
@@ -50,6 +52,7 @@ class Comparison:
     win_rate_percent: float
     sign_test_p: float
     harm_count: int
+    failed: int
     verdict: str
 
 
@@ -147,19 +150,21 @@ def compare(
         win_rate_percent=100.0 * wins / mine.size if mine.size else math.nan,
         sign_test_p=float(stats.binomtest(wins, wins + losses).pvalue) if wins + losses else 1.0,
         harm_count=int((mine > HARM * other).sum()) + failed,
-        verdict=verdict_of(low, high, count),
+        failed=failed,
+        verdict=verdict_of(low, high, count, failed),
     )
 
 
-def verdict_of(low: float, high: float, units: int) -> str:
+def verdict_of(low: float, high: float, units: int, failed: int = 0) -> str:
     """Return what an interval allows to say.
 
     Args:
         low: Lower end of the improvement, %.
         high: Upper end, %.
         units: Drives or outages behind it.
+        failed: Outages that only the baseline finished: the interval knows nothing of them.
     """
-    if units >= FEWEST_UNITS and low > 0.0:
+    if units >= FEWEST_UNITS and low > 0.0 and failed == 0:
         return "helps"
     if units >= FEWEST_UNITS and high < 0.0:
         return "harms"

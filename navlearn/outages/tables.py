@@ -10,8 +10,9 @@ import pandas as pd
 
 from navlearn.errors import ConfigError
 from navlearn.outages.metrics import FIGURES
-from navlearn.outages.run_summary import DriveSummary, RunSummary
-from navlearn.outages.statistics import Comparison, averages, compare
+from navlearn.outages.run_summary import DriveSummary, RunSummary, comparisons
+from navlearn.outages.statistics import averages
+from navlearn.outages.wording import meaning
 
 HEAD = ("drive", "method", "outage", "start_s", "duration_s", "dynamics", "distance_m")
 SUMMARISED = tuple(name for name in FIGURES if "error" in name and "track" not in name)
@@ -65,30 +66,8 @@ def summary_content(summary: RunSummary) -> dict[str, object]:
         "metric": summary.metric,
         "baselines": list(summary.baselines),
         "methods": {name: _method(summary, name) for name in summary.methods},
+        "meaning": [line.replace("**", "") for line in meaning(summary)],
         "figures": dict(summary.figures),
-    }
-
-
-def comparisons(summary: RunSummary, baseline: str) -> dict[str, Comparison]:
-    """Return every other method's comparison with a baseline, by the headline metric.
-
-    Args:
-        summary: The run.
-        baseline: Name of the baseline; a run without it has no comparisons.
-    """
-    if baseline not in summary.methods:
-        return {}
-    return {
-        name: compare(
-            summary.rows,
-            name,
-            baseline,
-            metric=summary.metric,
-            resamples=summary.resamples,
-            seed=summary.bootstrap_seed,
-        )
-        for name in summary.methods
-        if name != baseline
     }
 
 

@@ -167,9 +167,9 @@ def recipe_for(
 
 def _source(log: Path, format: str | None) -> dict[str, Any]:
     if format is None and _is_yaml(log.name):
-        return {"descriptor": log.absolute()}
-    layout = str(Path(format).absolute()) if format and _is_yaml(format) else format
-    return {"path": log.absolute(), "format": layout}
+        return {"descriptor": log.resolve()}
+    layout = str(Path(format).resolve()) if format and _is_yaml(format) else format
+    return {"path": log.resolve(), "format": layout}
 
 
 def _spec_entry(entry: Any, file: YamlFile, index: int) -> Any:

@@ -13,6 +13,7 @@ from navlearn.errors import ConfigError, FilterDivergedError, MissingExtraError
 from navlearn.logs.drive_log import DriveLog
 from navlearn.outages import canvas
 from navlearn.outages.maps import Scene, plot_drifts, plot_track
+from navlearn.outages.naming import axis_label, with_unit
 from navlearn.outages.output import prepare_output_folder
 from navlearn.outages.placement import place_outages
 from navlearn.outages.plots import plot_distribution, plot_error_growth
@@ -21,8 +22,9 @@ from navlearn.outages.report import markdown_table, report_text
 from navlearn.outages.results import write_results
 from navlearn.outages.run_summary import DriveSummary, MethodSummary, RunSummary
 from navlearn.outages.schedule import Outage, OutageProtocol
+from navlearn.outages.statistics import Comparison, compare
 from navlearn.outages.tables import write_outages_csv
-from navlearn.outages.wording import percent
+from navlearn.outages.wording import meaning, percent, sentence
 
 MakeLog = Callable[..., DriveLog]
 PROTOCOL = OutageProtocol(count=6, duration=30.0)
@@ -90,6 +92,7 @@ def run_of(logs: list[DriveLog]) -> tuple[RunSummary, list[Scene]]:
         versions={"navlearn": "0.1.0"},
         seeds={"fit": 7},
         remarks=("Simulated.",),
+        setup=("The filter's noise was tuned elsewhere.",),
         resamples=500,
     )
     return summary, scenes
@@ -106,13 +109,17 @@ def test_report_tells_the_whole_story(run: tuple[RunSummary, list[Scene]]) -> No
         "# A made-up run",
         "> Simulated.",
         "**Question.** Does anarx help?",
-        "| method | trained | outages | failed | mean | median | 90 % |",
+        "| method | training | outages | failed | mean | median | 90 % |",
         "| dead_reckoning | none | 6 | 1 | 12.00 | 12.00 | 12.00 |",
         "| ekf | none | 6 | 0 | 6.00 | 6.00 | 6.00 |",
         "| anarx | online | 6 | 0 | 4.00 | 3.00 | 6.00 |",
         "- anarx: the safeguard spoke twice",
         "### Against `ekf`",
-        "**Excluded.** Nothing: the reference is good throughout.",
+        "**Excluded.** Nothing: these rules found nothing bad in any drive.",
+        "- Training `online`: learned on this drive, anew for each outage,",
+        "- The filter's noise was tuned elsewhere.",
+        "The smallest median is that of **anarx** (3.00 m)",
+        "**dead_reckoning** failed in 1 of 6 outages",
         "navlearn run training/made.yaml --out runs/made",
         "**Versions.** navlearn 0.1.0.",
         "**Seeds.** fit 7, bootstrap 0.",
@@ -238,7 +245,78 @@ def test_rows_that_lack_promised_columns_are_not_written(
         write_outages_csv(tmp_path / "outages.csv", run[0].rows.drop(columns="distance_m"))
 
 
+def compared(ours: list[float], theirs: list[float]) -> Comparison:
+    rows = [
+        {"drive": "made", "method": method, "outage": k, "max_horizontal_error_m": error}
+        for method, errors in (("ours", ours), ("theirs", theirs))
+        for k, error in enumerate(errors)
+    ]
+    return compare(pd.DataFrame(rows), "ours", "theirs", resamples=500)
+
+
+TEN = [5.0, 7.0, 6.0, 8.0, 5.0, 9.0, 6.0, 7.0, 5.0, 8.0]
+MIXED = [0.9, 1.1, 0.8, 1.2, 1.0, 0.9, 1.1, 1.0, 0.95, 1.05]
+
+
+@pytest.mark.parametrize(
+    ("factors", "learned", "as_baseline"),
+    [
+        ([0.5] * 10, "it helps in these outages", "it is better in these outages"),
+        ([3.5] * 10, "it harms in these outages", "it is worse in these outages"),
+        (MIXED, "no evidence that it helps or harms", "no evidence of a difference"),
+        ([1.0] * 10, "it never acted", "equals **theirs** in all 10 outages."),
+        ([0.5] * 9 + [np.nan], "because it failed in 1 that", "because it failed in 1 that"),
+        ([0.5] * 3, "3 outages are too few", "3 outages are too few"),
+        ([np.nan] * 2, "share no outage", "share no outage"),
+    ],
+)
+def test_what_is_said_of_learned_methods_and_of_baselines(
+    factors: list[float], learned: str, as_baseline: str
+) -> None:
+    theirs = TEN[: len(factors)]
+    found = compared([f * e for f, e in zip(factors, theirs, strict=True)], theirs)
+    assert learned in sentence("ours", "theirs", found, learned=True)
+    said = sentence("ours", "theirs", found)
+    assert as_baseline in said
+    assert "helps" not in said
+    assert "harms" not in said
+
+
+def test_sizes_are_told_as_one_would_say_them() -> None:
+    much = sentence("a", "b", compared([4.0 * e for e in TEN], TEN))
+    assert "4.0 times as large (improvement −300 %" in much
+    assert "25 % larger" in sentence("a", "b", compared([1.25 * e for e in TEN], TEN))
+
+
+def test_a_gain_that_the_filter_has_alone_is_not_the_models(
+    run: tuple[RunSummary, list[Scene]],
+) -> None:
+    rows = run[0].rows
+    plain = rows[rows["method"] == "ekf"].assign(method="ekf_plain")
+    plain["max_horizontal_error_m"] *= 10.0
+    gated = rows[rows["method"] == "ekf"].assign(method="anarx")
+    rows = pd.concat([rows[rows["method"] != "anarx"], plain, gated])
+    methods = {**run[0].methods, "ekf_plain": MethodSummary(description="no bias")}
+    lines = meaning(replace(run[0], rows=rows, methods=methods))
+    assert lines[0].startswith("**anarx** equals **ekf** in all 6 outages: it never acted")
+    assert lines[1].endswith(
+        "But **ekf** alone gains +90 % there: this is no merit of what was learned."
+    )
+    text = report_text(replace(run[0], rows=rows, methods=methods))
+    assert "| 0 | never acted |" in text
+    assert "| 6 of 6 | 0.031 | 0 | better |" in text
+
+
+def test_figures_have_names_in_words_and_units() -> None:
+    assert axis_label("max_horizontal_error_m") == "maximum horizontal error (m)"
+    assert axis_label("rms_velocity_error_m_per_s") == "RMS velocity error (m/s)"
+    assert axis_label("share_in_95_ellipse") == "share in 95 % ellipse"
+    assert with_unit(3.936, "max_azimuth_error_deg") == "3.94 °"
+    assert with_unit(0.5, "share_in_95_ellipse") == "0.50"
+
+
 def test_small_wording() -> None:
+    assert percent(0.0) == percent(-0.04) == "0 %"
     assert percent(-33.4) == "−33 %"
     assert percent(0.4) == "+0.4 %"
     assert markdown_table(("a", "b"), [("x", "1")]) == "| a | b |\n| --- | ---: |\n| x | 1 |\n"

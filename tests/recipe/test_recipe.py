@@ -235,7 +235,7 @@ def test_recipe_for_a_log_with_its_default_model() -> None:
 
 def test_recipe_for_takes_yaml_for_a_descriptor() -> None:
     recipe = recipe_for("datasets/drive.yaml", methods=["ekf"])
-    assert recipe.log.descriptor == Path("datasets/drive.yaml").absolute()
+    assert recipe.log.descriptor == Path("datasets/drive.yaml").resolve()
     assert recipe.models == ()
 
 
@@ -244,7 +244,7 @@ def test_layout_of_another_descriptor_is_found_from_anywhere(tmp_path: Path) -> 
     recipe = load_recipe(write(tmp_path, text))
     assert recipe.log.format == str(tmp_path.resolve() / "layouts" / "mine.yaml")
     made = recipe_for("drive", "layouts/mine.yaml", methods=["ekf"])
-    assert made.log.format == str(Path("layouts/mine.yaml").absolute())
+    assert made.log.format == str(Path("layouts/mine.yaml").resolve())
 
 
 @pytest.mark.parametrize("text", ["10", "x60", "0x60", "10x0", "10x-5", "ten", "10x60x3", ""])
