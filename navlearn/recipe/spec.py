@@ -96,19 +96,23 @@ class ModelSpec(Section):
 
     name: PlainName
     type: Literal["anarx"] = "anarx"
-    acts_on: Literal["position", "azimuth_rate"] = "position"
-    inputs: Channels = ("yaw_rate", "speed", "delay")
-    lags: Count = 2
-    hidden: Count = 5
+    acts_on: Literal["position", "azimuth_rate"] = "azimuth_rate"
+    inputs: Channels = (
+        "yaw_rate",
+        "abs_yaw_rate",
+        "delay",
+    )
+    lags: Count = 1
+    hidden: Count = 3
     activation: Literal["sigmoid", "tanh"] = "sigmoid"
     linear_path: bool = True
     trainer: Literal["lm", "adam"] = "lm"
     loop: Literal["closed", "open"] = "closed"
-    objective: Literal["step", "accumulated"] = "step"
+    objective: Literal["step", "accumulated"] = "accumulated"
     max_iterations: Count = 60
     patience: Count = 10
     starts: Count = 2
-    ridge: NotNegative = 1e-4
+    ridge: NotNegative = 1.0
     learning_rate: Positive = 1e-2
     seed: Seed = 0
     safeguard: SafeguardSpec = SafeguardSpec()
