@@ -107,8 +107,8 @@ def test_filter_overrides_lie_over_the_defaults(tmp_path: Path) -> None:
 
 def test_spec_has_the_defaults_of_the_model_that_it_describes() -> None:
     spec = ModelSpec(name="anarx")
-    assert spec.anarx_options(outputs=2) == AnarxOptions(inputs=3, outputs=2)
-    assert spec.training_options() == TrainingOptions()
+    assert spec.anarx_options(outputs=2) == AnarxOptions(inputs=3, outputs=2, lags=1, hidden=3)
+    assert spec.training_options() == TrainingOptions(objective="accumulated", ridge=1.0)
     gate = signature(rolling_origin_gate).parameters
     assert spec.safeguard.gate_margin == gate["margin"].default
     assert spec.safeguard.gate_fewest == gate["fewest"].default
@@ -123,6 +123,7 @@ def test_spec_reaches_the_options_of_model_and_training() -> None:
         "safeguard": {"bounds": False, "output_limit": 2.0},
         "trainer": "adam",
         "loop": "open",
+        "objective": "step",
         "max_iterations": 7,
         "patience": 3,
         "starts": 4,
