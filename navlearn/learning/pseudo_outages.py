@@ -121,7 +121,7 @@ def emulate_outages(
     reference = Trajectory(*(channel[rows[far]] for channel in history.trajectory))
     predicted = navigator.coast(belief, window)
     return PseudoOutages(
-        belief, window, predicted, reference, begin + (starts[far] + 1) * dt, block
+        belief, window, predicted, reference, begin + (starts[far].double() + 1.0) * dt, block
     )
 
 

@@ -1,0 +1,69 @@
+"""No solution of an outage moves when absurd fixes and references are planted in or after it."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import pandas as pd
+import pytest
+
+from navlearn.experiment.drive import prepare_drive, set_clocks
+from navlearn.experiment.run import build_methods
+from navlearn.logs.drive_log import DriveLog
+from navlearn.outages.replay import Replay, replay
+from navlearn.outages.schedule import Outage
+from navlearn.recipe import Recipe
+
+MakeRecipe = Callable[..., Recipe]
+
+
+def absurd(table: pd.DataFrame, since: float) -> pd.DataFrame:
+    """Positions on another continent, at the speed of sound, stated to be exact."""
+    table = table.copy()
+    rows = table["t"] >= since
+    values = {"lat": -0.3, "lon": 2.0, "height": 5e3, "v_e": 340.0, "v_n": -340.0, "v_u": 9.0}
+    values |= {"std_e": 0.01, "std_n": 0.01, "std_u": 0.01, "std_v": 0.01, "azimuth": 3.0}
+    for name, value in values.items():
+        if name in table:
+            table.loc[rows, name] = value
+    return table
+
+
+def poisoned(log: DriveLog, since: float) -> DriveLog:
+    assert log.reference is not None
+    return replace(log, fixes=absurd(log.fixes, since), reference=absurd(log.reference, since))
+
+
+def solved(recipe: Recipe, log: DriveLog, outages: tuple[Outage, ...]) -> Replay:
+    """Solutions of methods made anew, clocks set from the log itself."""
+    log, _ = set_clocks(log, recipe, outages[0].start)
+    return replay(log, outages, build_methods(recipe), progress=False)
+
+
+@pytest.mark.parametrize("acts_on", ["position", "azimuth_rate"])
+def test_no_solution_moves(make_recipe: MakeRecipe, acts_on: str) -> None:
+    recipe = make_recipe(acts_on=acts_on)
+    drive = prepare_drive(recipe)
+    outages = drive.placement.outages
+    assert len(outages) == 2
+    clean = solved(recipe, drive.log, outages)
+    assert all(note.notes.get("used", True) for note in clean.solutions.values())
+    for number, outage in enumerate(outages, start=1):
+        again = solved(recipe, poisoned(drive.log, outage.start), (outage,))
+        for name in recipe.methods:
+            mine, other = again.solutions[name, 1], clean.solutions[name, number]
+            pd.testing.assert_frame_equal(mine.table, other.table, check_exact=True)
+            assert mine.notes == other.notes
+
+
+def test_poison_before_the_outage_would_show(make_recipe: MakeRecipe) -> None:
+    """The test above can fail: a few absurd fixes just before the outage move every method."""
+    recipe = make_recipe(filter={"gate": {"probability": 1.0}})
+    drive = prepare_drive(recipe)
+    outage = drive.placement.outages[0]
+    clean = solved(recipe, drive.log, (outage,))
+    spoilt = solved(recipe, poisoned(drive.log, outage.start - 3.0), (outage,))
+    for name in recipe.methods:
+        moved = (
+            spoilt.solutions[name, 1].table["lat"] - clean.solutions[name, 1].table["lat"]
+        ).abs()
+        assert moved.max() * 6.37e6 > 10.0, name
