@@ -48,7 +48,7 @@ class Learned:
 
 
 def pseudo_outage_options(recipe: Recipe) -> PseudoOutageOptions:
-    """Return how a recipe's training section emulates outages."""
+    """Return how a recipe emulates outages: its training section, and what it calls good GNSS."""
     section = recipe.training
     return PseudoOutageOptions(
         horizon=section.horizon_s,
@@ -57,6 +57,7 @@ def pseudo_outage_options(recipe: Recipe) -> PseudoOutageOptions:
         window=float("inf") if section.window_s is None else section.window_s,
         minimum_distance=section.minimum_distance,
         settle=section.settle_s,
+        max_fix_interval=recipe.outages.max_fix_interval_s,
     )
 
 

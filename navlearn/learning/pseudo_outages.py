@@ -16,6 +16,7 @@ from navlearn.error_models.regressors import average_samples, build_regressors
 from navlearn.errors import ConfigError, FitError
 from navlearn.filters.belief import Belief
 from navlearn.frames import enu_between
+from navlearn.fusion.history import FilterHistory
 from navlearn.fusion.loosely_coupled import map_belief
 from navlearn.learning.windows import Windows
 from navlearn.navigator import Navigator, NavigatorRun, belief_at
@@ -37,6 +38,8 @@ class PseudoOutageOptions:
         minimum_distance: A shorter drive through the horizon is left out, m: a parked car
             teaches nothing.
         settle: Time after alignment in which none starts, s.
+        max_fix_interval: One in which fixes are farther apart is left out, s: there the filter
+            itself did not know where the car was.
     """
 
     horizon: float = 60.0
@@ -45,6 +48,7 @@ class PseudoOutageOptions:
     window: float = float("inf")
     minimum_distance: float = 60.0
     settle: float = 60.0
+    max_fix_interval: float = 3.5
 
     def __post_init__(self) -> None:
         if not 0.0 < self.step <= self.horizon:
@@ -52,7 +56,7 @@ class PseudoOutageOptions:
                 f"pseudo-outages: step is {self.step} s and horizon {self.horizon} s; expected "
                 "0 < step <= horizon"
             )
-        for name in ("every", "minimum_distance", "settle"):
+        for name in ("every", "minimum_distance", "settle", "max_fix_interval"):
             if not getattr(self, name) >= 0.0:
                 raise ConfigError(
                     f"pseudo-outages: {name} is {getattr(self, name)}; expected zero or more"
@@ -111,18 +115,30 @@ def emulate_outages(
     rows = starts.unsqueeze(-1) + 1 + torch.arange(length)
     window = RissSample(*(channel[rows] for channel in samples))
     far = (window.speed * window.dt).sum(-1) >= options.minimum_distance
-    if not bool(far.any()):
+    seen = (_since_fix(history)[rows] * dt).amax(-1) <= options.max_fix_interval
+    kept = far & seen
+    if not bool(kept.any()):
         raise FitError(
             f"emulated outages: none of {len(starts)} before {known * dt:.0f} s drives "
-            f"{options.minimum_distance:g} m in {options.horizon:g} s; start the outages later"
+            f"{options.minimum_distance:g} m in {options.horizon:g} s with fixes at most "
+            f"{options.max_fix_interval:g} s apart; start the outages later"
         )
-    window = RissSample(*(channel[far] for channel in window))
-    belief = belief_at(history, blocks[far])
-    reference = Trajectory(*(channel[rows[far]] for channel in history.trajectory))
+    window = RissSample(*(channel[kept] for channel in window))
+    belief = belief_at(history, blocks[kept])
+    reference = Trajectory(*(channel[rows[kept]] for channel in history.trajectory))
     predicted = navigator.coast(belief, window)
     return PseudoOutages(
-        belief, window, predicted, reference, begin + (starts[far].double() + 1.0) * dt, block
+        belief, window, predicted, reference, begin + (starts[kept].double() + 1.0) * dt, block
     )
+
+
+def _since_fix(history: FilterHistory) -> Tensor:
+    """Return how many samples ago the last fix was, counted from the start before the first."""
+    length = history.trajectory.lat.shape[-1]
+    last = torch.full((length,), -1)
+    with_fix = history.end[history.fix >= 0]
+    last[with_fix] = with_fix
+    return torch.arange(length) - torch.cummax(last, 0).values
 
 
 def _starts(

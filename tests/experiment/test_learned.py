@@ -85,6 +85,7 @@ def test_the_training_section_reaches_the_emulated_outages(make_recipe: MakeReci
     options = pseudo_outage_options(recipe)
     assert (options.horizon, options.every, options.step, options.window) == (20.0, 7.0, 0.5, 200.0)
     assert (options.minimum_distance, options.settle) == (33.0, 44.0)
+    assert options.max_fix_interval == recipe.outages.max_fix_interval_s
 
 
 def solve(recipe: Recipe, log: DriveLog) -> tuple[pd.DataFrame, dict[str, object], list[Learned]]:

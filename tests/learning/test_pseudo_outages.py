@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -207,6 +208,20 @@ def test_where_they_start(navigator: Navigator) -> None:
     assert windows.start_time.tolist() == pytest.approx([1041.0, 1071.0])
     assert windows.u.shape == (2, 30, 1)
     assert windows.y.shape == (2, 30, 2)
+
+
+def test_where_the_filter_itself_had_no_fixes_none_is_emulated(navigator: Navigator) -> None:
+    """Without fixes the filter only coasts: the target there would be a false zero."""
+    run = hand_made()
+    lost = (run.history.end > 1000) & (run.history.end < 1150)  # from 100 to 115 s
+    gappy = run._replace(history=run.history._replace(fix=run.history.fix.masked_fill(lost, -1)))
+    starts = emulate_outages(navigator, gappy, OPTIONS).start_time
+    # 71 s ends at 101 s, before the gap is 3.5 s old; 111 s starts inside it.
+    assert starts.tolist() == pytest.approx(
+        [21.0, 31.0, 41.0, 51.0, 61.0, 71.0, 121.0, 131.0, 141.0, 151.0, 161.0]
+    )
+    patient = replace(OPTIONS, max_fix_interval=16.0)
+    assert len(emulate_outages(navigator, gappy, patient).start_time) == 15
 
 
 def test_too_little_past_is_refused(navigator: Navigator) -> None:
