@@ -26,6 +26,7 @@ class Blocks(NamedTuple):
         closes: 1.0 where no later block ends at the same sample, shape (B, K).
         fix: Fix at the end of each block, int64, −1 for none, shape (B, K).
         place: Where each sample stands in the flattened (K, n), int64, shape (B, T).
+        even: Whether all blocks are full, so that laying out is only a change of shape.
     """
 
     gather: Tensor
@@ -34,6 +35,7 @@ class Blocks(NamedTuple):
     closes: Tensor
     fix: Tensor
     place: Tensor
+    even: bool
 
 
 def cut_row(
@@ -112,6 +114,7 @@ def cut(dt: Tensor, index: Tensor, max_block: float) -> Blocks:
         torch.from_numpy(closes).to(dt),
         torch.from_numpy(fix).to(device),
         torch.from_numpy(place).to(device),
+        bool(used.all()),
     )
 
 
@@ -138,5 +141,7 @@ def samples_in_blocks(samples: RissSample, blocks: Blocks) -> RissSample:
     Returns:
         Shape (B, K, n) each.
     """
+    if blocks.even:
+        return RissSample(*(channel.reshape(blocks.gather.shape) for channel in samples))
     laid = RissSample(*(gathered(channel, blocks.gather) for channel in samples))
     return laid._replace(dt=laid.dt * blocks.used)

@@ -43,6 +43,9 @@ MOST_PASSES = 20
 TOLERANCE = 2e-4
 """Largest move of a block's start in the last pass, m; the next would move a 500th of it."""
 
+ROUGHLY = 0.5
+"""The same before passes with gradients, each of which converges too, m."""
+
 TRUSTED = 20.0
 """Largest move in a pass, m, after which the gate's verdicts are taken over."""
 
@@ -239,31 +242,73 @@ def run_fast(
     """
     with torch.no_grad():
         begin = first_guess(model, start, line)
-        verdict: Tensor | None = None
-        for number in range(1, MOST_PASSES + 1):
-            done = linearised_pass(
-                model, start, begin, line, noise, verdict, 1 if number == 1 else 4
-            )
-            record = beliefs_of(model, start, line, done)
-            new = starts_of_blocks(start, record.belief)
-            settled = verdict is not None and bool((done.judged.verdict == done.used).all())
-            moved = _largest_move(new, begin)
-            begin = new
-            # what a first pass refuses may only be far from its guess
-            verdict = done.judged.verdict if moved < TRUSTED else None
-            if settled and moved < TOLERANCE:
-                break
-        else:
+    passes = 0
+    learning = torch.is_grad_enabled() and _wants_gradient(start, line, noise)
+    for tolerance in (ROUGHLY, TOLERANCE) if learning else (TOLERANCE,):
+        with torch.no_grad():
+            found = _converged(model, start, begin, line, noise, tolerance)
+        if found is None:
             return None
-    if torch.is_grad_enabled() and _wants_gradient(start, line, noise):
-        for _ in range(2):
-            # the first block starts where the caller said: that carries its gradient
-            begin = starts_of_blocks(start, record.belief)
-            done = linearised_pass(model, start, begin, line, noise, verdict, 0)
-            record = beliefs_of(model, start, line, done)
-            number += 1
-    path = path_in_blocks(model, start, record.belief, line)
-    return history(line, record, path, "fast", number)
+        record, settled = found.record, True
+        passes += found.passes
+        if learning:
+            record, settled = _with_gradient(model, start, line, noise, found)
+            passes += 2
+        if settled:
+            path = path_in_blocks(model, start, record.belief, line)
+            return history(line, record, path, "fast", passes)
+        begin = _each(starts_of_blocks(start, record.belief), Tensor.detach)
+    return None
+
+
+class _Converged(NamedTuple):
+    """Where passes without gradients ended: the record, the verdicts behind it, their number."""
+
+    record: Ended
+    verdict: Tensor
+    passes: int
+
+
+def _converged(
+    model: FilterModel,
+    start: Belief,
+    begin: Belief,
+    line: Timeline,
+    noise: EkfNoise,
+    tolerance: float,
+) -> _Converged | None:
+    verdict: Tensor | None = None
+    for number in range(1, MOST_PASSES + 1):
+        rounds = 1 if number == 1 else 4
+        done = linearised_pass(model, start, begin, line, noise, verdict, rounds)
+        record = beliefs_of(model, start, line, done)
+        new = starts_of_blocks(start, record.belief)
+        moved = _largest_move(new, begin)
+        begin = new
+        if _reproduced(done) and moved < tolerance:
+            return _Converged(record, done.judged.verdict, number)
+        # what a first pass refuses may only be far from its guess
+        verdict = done.judged.verdict if moved < TRUSTED else None
+    return None
+
+
+def _with_gradient(
+    model: FilterModel, start: Belief, line: Timeline, noise: EkfNoise, found: _Converged
+) -> tuple[Ended, bool]:
+    """Return the record of two more passes with gradients, and whether they changed nothing."""
+    record = found.record
+    for _ in range(2):
+        # the first block starts where the caller said: that carries its gradient
+        begin = starts_of_blocks(start, record.belief)
+        done = linearised_pass(model, start, begin, line, noise, found.verdict, 0)
+        record = beliefs_of(model, start, line, done)
+    with torch.no_grad():
+        moved = _largest_move(starts_of_blocks(start, record.belief), begin)
+    return record, _reproduced(done) and moved < TOLERANCE
+
+
+def _reproduced(done: Pass) -> bool:
+    return bool((done.judged.verdict == done.used).all())
 
 
 def _largest_move(new: Belief, old: Belief) -> float:

@@ -33,13 +33,13 @@ def rest_at_end(errors: SensorErrors, samples: RissSample) -> Rest:
     Returns:
         Mean rate and regressors; zero where the car moves at the block's end.
     """
-    padding = samples.dt == 0.0
-    still = (samples.stationary > 0.5) | padding
-    tail = torch.flip(torch.cumprod(torch.flip(still.to(samples.dt), (-1,)), -1), (-1,))
-    weight = tail * samples.dt
+    step = torch.arange(samples.dt.shape[-1], device=samples.dt.device)
+    moves = (samples.stationary <= 0.5) & (samples.dt > 0.0)
+    last_move = torch.where(moves, step, -1).amax(-1, keepdim=True)
+    weight = samples.dt * (step > last_move)
     duration = weight.sum(-1)
-    share = weight / duration.clamp(min=1e-9).unsqueeze(-1)
-    terms = errors.gyro_terms
-    means = [(share * gyro_regressor(term, samples)).sum(-1) for term in terms]
+    per_second = 1.0 / duration.clamp(min=1e-9)
+    means = [(weight * gyro_regressor(t, samples)).sum(-1) for t in errors.gyro_terms]
     regressors = torch.stack(means, -1) if means else duration.new_zeros((*duration.shape, 0))
-    return Rest(duration, (share * samples.yaw_rate).sum(-1), regressors)
+    yaw_rate = (weight * samples.yaw_rate).sum(-1)
+    return Rest(duration, per_second * yaw_rate, per_second.unsqueeze(-1) * regressors)

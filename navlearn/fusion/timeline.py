@@ -79,7 +79,9 @@ def trajectory_of_blocks(line: Timeline, inside: Trajectory, after: NavState) ->
         Trajectory, shape (B, T) each.
     """
     blocks = line.blocks
-    flat = Trajectory(*(gathered(channel.flatten(1), blocks.place) for channel in inside))
+    flat = Trajectory(*(channel.flatten(1) for channel in inside))
+    if not blocks.even:
+        flat = Trajectory(*(gathered(channel, blocks.place) for channel in flat))
     # where several blocks end at one sample only the last may receive a gradient
     last = blocks.closes > 0.5
     final = torch.where(last, torch.arange(last.shape[1], device=last.device), last.shape[1])
