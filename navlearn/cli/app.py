@@ -22,6 +22,13 @@ REFUSED = 2
 """Exit code where an input is refused; 1 is for findings of ``check``."""
 
 
+INTERRUPTED = 130
+"""Exit code after Ctrl-C, as shells have it."""
+
+GOES_ON = ("run", "evaluate")
+"""Commands that keep what they have finished."""
+
+
 class _CommandGroup(TyperGroup):
     """Turns errors that navlearn raises on purpose into one message and an exit code."""
 
@@ -31,6 +38,11 @@ class _CommandGroup(TyperGroup):
             return super().invoke(ctx)
         except BrokenPipeError:
             raise
+        except KeyboardInterrupt:
+            rest = ": the same command goes on where it stopped"
+            said = rest if ctx.invoked_subcommand in GOES_ON else ""
+            typer.echo(f"\nnavlearn: interrupted{said}", err=True)
+            raise typer.Exit(INTERRUPTED) from None
         except (NavlearnError, OSError) as problem:
             if ctx.params.get("debug"):
                 raise

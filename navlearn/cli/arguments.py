@@ -11,11 +11,25 @@ FormatOption = Annotated[
     str | None,
     typer.Option(
         "--format",
-        help="Reader of the log: navlearn, csv, navinst or canedge. A .yaml descriptor needs none.",
+        help="Reader: navlearn (navlearn's own), csv, navinst, canedge, or a descriptor (.yaml) "
+        "whose layout is applied to LOG; recognised where left out.",
     ),
 ]
 RunFolderOption = Annotated[Path, typer.Option("--out", help="Folder for the run.")]
 ForceOption = Annotated[bool, typer.Option("--force", help="Overwrite what is there.")]
+DimsOption = Annotated[
+    int, typer.Option("--dims", help="Mechanization: 2 in the plane, 3 with tilt.")
+]
+RateOption = Annotated[float, typer.Option("--rate", help="Steps of the mechanization, Hz.")]
+SeedOption = Annotated[int, typer.Option("--seed", help="Seed of all that is drawn.")]
+ModelOption = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--model",
+        metavar="SPEC",
+        help="Model spec (.yaml) of a method named in --methods; may be given repeatedly.",
+    ),
+]
 QuietOption = Annotated[bool, typer.Option("--quiet", help="No progress bar.")]
 
 

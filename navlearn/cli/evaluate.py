@@ -6,10 +6,14 @@ from typing import Annotated, Any
 import typer
 
 from navlearn.cli.arguments import (
+    DimsOption,
     ForceOption,
     FormatOption,
+    ModelOption,
     QuietOption,
+    RateOption,
     RunFolderOption,
+    SeedOption,
     split_numbers,
     split_words,
 )
@@ -25,19 +29,22 @@ def evaluate(
     methods: Annotated[
         str, typer.Option("--methods", help="Methods to compare, separated by commas.")
     ] = "dead_reckoning,ekf_plain,ekf,anarx",
-    model: Annotated[
-        list[Path] | None,
-        typer.Option("--model", help="Model spec (.yaml) of a method; may be given repeatedly."),
-    ] = None,
+    model: ModelOption = None,
     warm_up: Annotated[
         float, typer.Option("--warm-up", help="No outage starts before this time, s.")
     ] = 300.0,
+    placement: Annotated[
+        str, typer.Option("--placement", help="spread, random (by --seed) or by_dynamics.")
+    ] = "spread",
     times: Annotated[
         str | None,
-        typer.Option("--times", help="Starts of the outages, s, instead of spreading them."),
+        typer.Option(
+            "--times", help="Starts of the outages, s, separated by commas; instead of COUNT."
+        ),
     ] = None,
-    dims: Annotated[int, typer.Option("--dims", help="2 or 3: plane or with tilt.")] = 2,
-    seed: Annotated[int, typer.Option("--seed", help="Seed of all that is drawn.")] = 0,
+    dims: DimsOption = 2,
+    rate: RateOption = 10.0,
+    seed: SeedOption = 0,
     force: ForceOption = False,
     quiet: QuietOption = False,
 ) -> None:
@@ -45,7 +52,9 @@ def evaluate(
     from navlearn.cli.result import run_and_show
     from navlearn.recipe import recipe_for
 
-    protocol: dict[str, Any] = {"warm_up_s": warm_up}
+    protocol: dict[str, Any] = {"warm_up_s": warm_up, "placement": placement}
+    if placement == "random":
+        protocol["seed"] = seed
     if times is not None:
         starts = split_numbers(times, option="--times")
         protocol |= {"placement": "listed", "times_s": starts, "count": len(starts)}
@@ -56,7 +65,7 @@ def evaluate(
         methods=split_words(methods),
         models=model or (),
         outage_options=protocol,
-        mechanization={"dims": dims},
+        mechanization={"dims": dims, "rate_hz": rate},
         seed=seed,
     )
     run_and_show(recipe, out, force=force, progress=not quiet)

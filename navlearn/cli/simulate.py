@@ -11,7 +11,10 @@ from navlearn.cli.arguments import ForceOption
 def simulate(
     out: Annotated[Path, typer.Option("--out", help="Folder for the log.")],
     profile: Annotated[
-        str, typer.Option("--profile", help="Kind of drive: town, suburb, motorway, mixed, ...")
+        str,
+        typer.Option(
+            "--profile", help="Kind of drive: town, suburb, motorway, hills, commute or mixed."
+        ),
     ] = "mixed",
     grade: Annotated[
         str, typer.Option("--grade", help="Sensor grade: tactical, mems_l, mems_m, mems_x, ideal.")
@@ -20,7 +23,9 @@ def simulate(
     seed: Annotated[int, typer.Option("--seed", help="Seed of all that is drawn.")] = 0,
     sample: Annotated[
         bool,
-        typer.Option("--sample", help="Make the drive of datasets/ again; other options are its."),
+        typer.Option(
+            "--sample", help="Make the drive that ships in datasets/; only --out and --force count."
+        ),
     ] = False,
     force: ForceOption = False,
 ) -> None:

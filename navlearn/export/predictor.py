@@ -1,5 +1,6 @@
 """The module that is exported: a model behind four methods, with its metadata inside."""
 
+import json
 from typing import Any
 
 import torch
@@ -9,12 +10,17 @@ from torch import Tensor, nn
 class Predictor(nn.Module):
     """An error model as others see it; physical units in and out, float64.
 
+    Inputs of another shape are refused with what was expected.
+
     Attributes:
         metadata: JSON text of :class:`navlearn.export.metadata.PredictorMetadata`.
     """
 
     def __init__(self, model: nn.Module, metadata: str) -> None:
         super().__init__()
+        about: dict[str, Any] = json.loads(metadata)
+        self.channels = len(about["inputs"])
+        self.channel_names = ", ".join(about["inputs"])
         # Any: TorchScript compiles the calls against the model that it finds.
         self.model: Any = model
         self.metadata = metadata
@@ -27,6 +33,7 @@ class Predictor(nn.Module):
             u: Inputs of the first step, shape (..., m).
             y_start: Output before it, shape (..., p); None for zero.
         """
+        self._refuse_wrong_shape(u, 1)
         state: Tensor = self.model.initial_state(u, y_start)
         return state
 
@@ -41,6 +48,7 @@ class Predictor(nn.Module):
         Returns:
             Correction, shape (..., p), and the state.
         """
+        self._refuse_wrong_shape(u, 1)
         correction: tuple[Tensor, Tensor] = self.model.step(u, state)
         return correction
 
@@ -60,8 +68,17 @@ class Predictor(nn.Module):
         Returns:
             Corrections, shape (..., T, p).
         """
+        self._refuse_wrong_shape(u, 2)
         corrections: Tensor = self.model.forward(u, y_start)
         return corrections
+
+    def _refuse_wrong_shape(self, u: Tensor, axes: int) -> None:
+        if u.dim() < axes or u.size(-1) != self.channels:
+            rows = "(..., T, " if axes == 2 else "(..., "
+            raise ValueError(
+                f"inputs have shape {u.shape}; expected {rows}{self.channels}) with the columns "
+                f"{self.channel_names}"
+            )
 
 
 class ScannedWindow(nn.Module):

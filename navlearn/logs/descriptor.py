@@ -9,18 +9,24 @@ import math
 import os
 import re
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 import numpy as np
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from navlearn.errors import ConfigError, LogNotFoundError
 from navlearn.logs.axes import levelling_matrix, matrix_from_directions, matrix_from_letters
 from navlearn.logs.interval_means import FloatArray
 from navlearn.logs.nearest import nearest_hint
 
-FormatName = Literal["navinst", "canedge", "csv", "native"]
+FORMAT_ALIASES: Final = {"navlearn": "native"}
+"""Other names of formats: navlearn's own is also called by its name."""
+
+FormatName = Annotated[
+    Literal["navinst", "canedge", "csv", "native"],
+    BeforeValidator(lambda name: FORMAT_ALIASES.get(name, name) if isinstance(name, str) else name),
+]
 TableName = Literal["imu", "odometer", "fixes", "reference"]
 Backstep = Literal["error", "drop"]
 Finite = Annotated[float, Field(allow_inf_nan=False)]

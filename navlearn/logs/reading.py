@@ -11,7 +11,7 @@ from typing import Final
 
 from navlearn.errors import ConfigError, LogError, LogNotFoundError
 from navlearn.logs.assemble import Published, assemble
-from navlearn.logs.descriptor import Descriptor, load_descriptor
+from navlearn.logs.descriptor import FORMAT_ALIASES, Descriptor, load_descriptor
 from navlearn.logs.drive_log import DriveLog
 from navlearn.logs.formats.canedge import read_canedge
 from navlearn.logs.formats.csv_tables import read_csv_tables, table_file
@@ -34,8 +34,8 @@ def read_log(path: Path | str, *, format: str | None = None) -> DriveLog:
 
     Args:
         path: Folder or file of the log, or a descriptor (``.yaml``).
-        format: ``navinst``, ``canedge``, ``csv`` or ``native``; or the path of a descriptor
-            whose layout is applied to ``path``; recognised where left out.
+        format: ``navinst``, ``canedge``, ``csv`` or ``native`` (also called ``navlearn``); or the
+            path of a descriptor whose layout is applied to ``path``; recognised where left out.
 
     Returns:
         The drive, checked, in the package's frames and units, its time from its first sample.
@@ -90,7 +90,7 @@ def recognise_format(path: Path) -> str:
 
 def _read_described(path: Path, format: str | None) -> DriveLog:
     descriptor, home = load_descriptor(path)
-    if format is not None and format != descriptor.format:
+    if format is not None and FORMAT_ALIASES.get(format, format) != descriptor.format:
         raise ConfigError(
             f"{path.name}: its format is {descriptor.format}, but format={format} was asked; "
             "leave the format out"
@@ -120,11 +120,12 @@ def _plain(path: Path, name: str) -> Descriptor:
 
 
 def _known_format(format: str) -> str:
-    if format in FORMATS:
-        return format
+    name = FORMAT_ALIASES.get(format, format)
+    if name in FORMATS:
+        return name
     raise ConfigError(
         f"format: unknown format {format!r}{nearest_hint(format, FORMATS)}; known are "
-        f"{', '.join(FORMATS)}, or the path of a descriptor (.yaml)"
+        f"{', '.join(FORMATS)} (or navlearn), or the path of a descriptor (.yaml)"
     )
 
 

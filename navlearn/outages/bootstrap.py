@@ -44,10 +44,10 @@ def bootstrap_interval(
         seed: Of the draws.
 
     Returns:
-        Lower and upper end, %; NaN where there is nothing to draw from.
+        Lower and upper end, %; NaN where there is at most one unit to draw from.
     """
     names, member = np.unique(units, return_inverse=True)
-    if names.size == 0:
+    if names.size < 2:
         return math.nan, math.nan
     sums = np.stack([np.bincount(member, weights=w) for w in (ours, theirs)])
     picks = np.random.default_rng(seed).integers(names.size, size=(resamples, names.size))

@@ -57,15 +57,19 @@ def sentence(method: str, baseline: str, found: Comparison, *, learned: bool = F
     if math.isnan(found.improvement_percent):
         return f"**{baseline}** has no error at all, so **{method}** cannot be compared with it."
     equal = f", equal in {found.ties}" if found.ties else ""
+    interval = (
+        f"95 % interval {percent(found.low_percent)} to {percent(found.high_percent)}"
+        if math.isfinite(found.low_percent)
+        else "no interval"
+    )
     head = (
         f"Against **{baseline}**, the mean error of **{method}** is "
         f"{_how_much(found.improvement_percent)} (improvement "
-        f"{percent(found.improvement_percent)}, 95 % interval "
-        f"{percent(found.low_percent)} to {percent(found.high_percent)})"
+        f"{percent(found.improvement_percent)}, {interval})"
     )
     tail = (
-        f" It was better in {found.wins} of {found.pairs} outages{equal} and more than 10 % worse "
-        f"in {found.harm_count}."
+        f" It was better in {found.wins} of {_outages(found.pairs)}{equal} and more than 10 % "
+        f"worse in {found.harm_count}."
     )
     if found.verdict in BASELINE_VERDICTS:
         said = found.verdict if learned else f"is {BASELINE_VERDICTS[found.verdict]}"
@@ -85,6 +89,10 @@ def percent(value: float) -> str:
     return "0 %" if float(text[:-2]) == 0.0 else text.replace("-", "−")
 
 
+def _outages(count: int) -> str:
+    return f"{count} outage{'' if count == 1 else 's'}"
+
+
 def _how_much(improvement: float) -> str:
     if improvement < -100.0:
         return f"{1.0 - 0.01 * improvement:.1f} times as large"
@@ -94,14 +102,17 @@ def _how_much(improvement: float) -> str:
 
 def _why_not(found: Comparison) -> str:
     if found.units < FEWEST_UNITS:
-        return f"{found.units} {found.drawn_by}s are too few for a verdict"
+        one = found.units == 1
+        drawn = f"one {found.drawn_by} is" if one else f"{found.units} {found.drawn_by}s are"
+        return f"{drawn} too few for a verdict"
     if found.low_percent > 0.0:
         return f"it failed in {found.failed} that the other one finished"
     return "the interval includes zero, so the difference may be chance"
 
 
 def _never_differs(method: str, baseline: str, found: Comparison, learned: bool) -> str:
-    same = f"**{method}** equals **{baseline}** in all {found.pairs} outages"
+    where = f"all {found.pairs} outages" if found.pairs > 1 else "the only outage"
+    same = f"**{method}** equals **{baseline}** in {where}"
     if not learned:
         return f"{same}."
     return (
@@ -147,8 +158,9 @@ def _failures(summary: RunSummary) -> list[str]:
         found = averages(summary.rows, name, summary.metric)
         if found.failed:
             lines.append(
-                f"**{name}** failed in {found.failed} of {found.outages} outages (reasons below). "
-                "Its averages leave them out and so flatter it; comparisons count them as worse."
+                f"**{name}** failed in {found.failed} of {_outages(found.outages)} (reasons "
+                "below). Its averages leave them out and so flatter it; comparisons count them as "
+                "worse."
             )
     return lines
 
@@ -169,7 +181,7 @@ def _scope(summary: RunSummary) -> str:
     outages = sum(len(drive.placement.outages) for drive in summary.drives)
     if drives == 1:
         return (
-            f"All of this is about {outages} outages of one drive. It tells nothing about other "
+            f"All of this is about {_outages(outages)} of one drive. It tells nothing about other "
             "cars, sensors or roads: a general claim needs several drives and about a hundred "
             "outages."
         )

@@ -39,7 +39,7 @@ def answer(*arguments: object, code: int) -> str:
     if code == REFUSED:
         assert result.stdout == ""
         assert result.stderr.startswith("navlearn: ")
-    return result.output
+    return " ".join(result.output.split())
 
 
 def without_yaw_gyro(imu: pd.DataFrame) -> pd.DataFrame:
@@ -168,6 +168,8 @@ def test_truncated_mat_file(tmp_path: Path) -> None:
         (["--methods", "efk"], "did you mean 'ekf'"),
         (["--format", "navins"], "did you mean 'navinst'"),
         (["--dims", "4"], "2 or 3"),
+        (["--rate", "0"], "mechanization.rate_hz is 0.0; expected greater than 0"),
+        (["--placement", "sprad"], "did you mean 'spread'"),
         (["--model", "absent.yaml"], "no such model spec"),
     ],
 )

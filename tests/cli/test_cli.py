@@ -94,6 +94,25 @@ def test_check_prints_figures(drive: Path) -> None:
     assert "odometer" in shown
 
 
+def test_check_fits_into_a_hundred_columns(drive: Path) -> None:
+    shown = invoke("check", drive, "--format", "navlearn")
+    assert shown == invoke("check", drive, "--format", "native")
+    assert max(map(len, shown.splitlines())) <= 100
+
+
+def test_interrupted_commands_say_what_happens_next(
+    drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupt(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("navlearn.logs.reading.read_log", interrupt)
+    monkeypatch.setattr("navlearn.experiment.run_recipe", interrupt)
+    assert invoke("check", drive, code=130).strip() == "navlearn: interrupted"
+    shown = invoke("evaluate", drive, "--out", tmp_path / "run", code=130)
+    assert "interrupted: the same command goes on where it stopped" in shown
+
+
 def test_messages_go_to_stderr_without_traceback(tmp_path: Path) -> None:
     result = CliRunner().invoke(app, ["check", str(tmp_path / "absent")])
     assert result.exit_code == 2

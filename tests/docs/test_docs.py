@@ -10,6 +10,11 @@ import yaml
 import navlearn
 from navlearn.export import PredictorMetadata
 from navlearn.logs.columns import REQUIRED, TABLES
+from navlearn.outages.metrics import FIGURES
+from navlearn.outages.schedule import DYNAMICS, PLACEMENTS
+from navlearn.outages.statistics import FEWEST_UNITS, HARM
+from navlearn.outages.tables import HEAD
+from navlearn.outages.track import TURN_STEP
 from navlearn.recipe import Recipe
 from navlearn.recipe.sections import OutageSection, TrainingSection
 from navlearn.recipe.strict import Section
@@ -64,6 +69,22 @@ def test_predictor_page_shows_every_entry_of_the_metadata() -> None:
     shown = [row[0] for row in tables_of("docs/predictors.md")["Metadata"]]
     names = [name for cell in shown for name in re.findall(r"`(\w+)`", cell)]
     assert names == [field.name for field in dataclasses.fields(PredictorMetadata)]
+
+
+def test_outage_page_shows_every_column_in_order() -> None:
+    shown = [row[0].strip("`") for row in tables_of("docs/outages.md")["Figures"]]
+    figures = [name for name in FIGURES if name not in HEAD]
+    assert shown == [*HEAD, "satellites_visible", "azimuth_judged_by", *figures, "failure"]
+
+
+def test_outage_page_shows_every_placement() -> None:
+    shown = {row[0].strip("`") for row in tables_of("docs/outages.md")["Placement"]}
+    assert shown == set(PLACEMENTS)
+    text = (ROOT / "docs" / "outages.md").read_text(encoding="utf-8")
+    assert {word for word in DYNAMICS if f"`{word}`" not in text} == set()
+    assert f"steps of {TURN_STEP:g} s" in text
+    assert FEWEST_UNITS == 6  # "at least six drives"
+    assert round(100.0 * (HARM - 1.0)) == 10  # "over 10 % worse"
 
 
 def test_every_cited_source_is_in_the_bibliography() -> None:

@@ -88,6 +88,25 @@ def test_torch_export_takes_any_batch_and_length(
         torch.testing.assert_close(loaded.module(u), fitted.model(u), rtol=0.0, atol=1e-12)
 
 
+@pytest.mark.parametrize("shape", [(2,), (5, 4), (4, 6, 2)])
+def test_inputs_of_a_wrong_shape_are_refused_by_name(
+    shape: tuple[int, ...], tmp_path: Path, make_fitted: Fitted, make_inputs: Inputs
+) -> None:
+    path = tmp_path / "p.pt"
+    export_predictor(make_fitted(), path, check_inputs=make_inputs())
+    predictor = load_predictor(path).module
+    state = predictor.initial_state(make_inputs()[0])
+    u = torch.zeros(shape, dtype=torch.float64)
+    expected = r"expected \(\.\.\., (T, )?3\) with the columns yaw_rate, speed, delay"
+    for call in (lambda: predictor.step(u, state), lambda: predictor.initial_state(u)):
+        with pytest.raises(torch.jit.Error, match=expected):
+            call()
+    with pytest.raises(torch.jit.Error, match=expected):
+        predictor(u)
+    with pytest.raises(torch.jit.Error, match=expected):
+        predictor(make_inputs()[0])
+
+
 def test_metadata_survive_and_tell_units(
     tmp_path: Path, make_fitted: Fitted, make_inputs: Inputs
 ) -> None:

@@ -268,6 +268,8 @@ MIXED = [0.9, 1.1, 0.8, 1.2, 1.0, 0.9, 1.1, 1.0, 0.95, 1.05]
         ([0.5] * 9 + [np.nan], "because it failed in 1 that", "because it failed in 1 that"),
         ([0.5] * 3, "3 outages are too few", "3 outages are too few"),
         ([np.nan] * 2, "share no outage", "share no outage"),
+        ([0.5], "(improvement +50 %, no interval)", "one outage is too few"),
+        ([1.0], "in the only outage: it never acted", "in the only outage."),
     ],
 )
 def test_what_is_said_of_learned_methods_and_of_baselines(

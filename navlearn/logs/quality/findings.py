@@ -1,5 +1,6 @@
 """What a check found: findings, measured figures, and the report that holds both."""
 
+import textwrap
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
@@ -31,12 +32,26 @@ class Finding:
     expected: str
     remedy: str
 
-    def to_text(self) -> str:
-        """Return the finding in one paragraph."""
-        return (
-            f"{self.severity.upper():7} {self.topic} [{self.where}]: {self.found}; "
-            f"expected {self.expected}; {self.remedy}"
+    def to_text(self, width: int = 100) -> str:
+        """Return the finding: a headline, then what was found, what was expected, what to do.
+
+        Args:
+            width: Longest line, characters.
+        """
+        parts = (self.found, f"expected: {self.expected}", f"to do: {self.remedy}")
+        indent = " " * 8
+        body = (
+            textwrap.fill(
+                part,
+                width,
+                initial_indent=indent,
+                subsequent_indent=indent,
+                break_long_words=False,
+                break_on_hyphens=False,
+            )
+            for part in parts
         )
+        return "\n".join((f"{self.severity.upper():7} {self.topic} [{self.where}]", *body))
 
 
 @dataclass(kw_only=True)
@@ -100,13 +115,17 @@ class QualityReport:
         """Return the findings of one severity."""
         return tuple(finding for finding in self.findings if finding.severity == severity)
 
-    def to_text(self) -> str:
-        """Return the report as plain text: verdict, findings, figures, gaps."""
+    def to_text(self, width: int = 100) -> str:
+        """Return the report as plain text: verdict, findings, figures, gaps.
+
+        Args:
+            width: Longest line, characters.
+        """
         counts = ", ".join(
             f"{len(self.of(severity))} {severity}" for severity in ("error", "warning", "info")
         )
         lines = [f"{self.name}: {'usable' if self.ok else 'NOT usable'} ({counts})", ""]
-        lines += [finding.to_text() for finding in self.findings]
+        lines += [finding.to_text(width) for finding in self.findings]
         lines += ["", *_figure_lines(self.figures, self.not_observable)]
         if len(self.gaps):
             lines += ["", "gaps", *(f"  {line}" for line in _gap_lines(self.gaps))]
@@ -149,7 +168,7 @@ def _figure_lines(figures: Mapping[str, float], missing: Mapping[str, str]) -> l
     lines = ["table      " + " ".join(f"{name:>14}" for name in _RHYTHM)] if tables else []
     for table in tables:
         values = (figures[f"{table}_{name}"] for name in _RHYTHM)
-        lines.append(f"{table:10} " + " ".join(f"{value:14.6g}" for value in values))
+        lines.append(f"{table:10} " + " ".join(f"{_tidy(value):14.6g}" for value in values))
     shown = {key: value for key, value in figures.items() if key not in rhythm}
     spreads = {_spread_of(key): value for key, value in shown.items() if "_std" in key}
     width = max((len(key) for key in [*shown, *missing]), default=0)
@@ -160,6 +179,11 @@ def _figure_lines(figures: Mapping[str, float], missing: Mapping[str, str]) -> l
             lines.append(f"  {key:{width}}  {value:.5g}{spread}")
     lines += [f"  {key:{width}}  not observable: {why}" for key, why in missing.items()]
     return lines
+
+
+def _tidy(value: float) -> float:
+    """Return a figure without the rounding of time stamps."""
+    return 0.0 if abs(value) < 1e-9 else value
 
 
 def _spread_of(key: str) -> str:
