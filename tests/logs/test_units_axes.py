@@ -47,6 +47,9 @@ def test_a_unit_of_another_kind():
     [
         ("lat_deg", ("lat", "deg")),
         ("speed_kmh", ("speed", "km/h")),
+        ("speed_km_per_h", ("speed", "km/h")),
+        ("speed_m_per_s", ("speed", "m/s")),
+        ("accel_x_m_per_s2", ("accel_x", "m/s2")),
         ("gyro_z_deg_per_s", ("gyro_z", "deg/s")),
         ("azimuth_deg", ("azimuth", "deg")),
         ("accel_x_g", ("accel_x", "g")),
