@@ -26,14 +26,17 @@ PLAIN: dict[str, Literal["bias_free"]] = {"ekf_plain": "bias_free"}
 """Methods that are the filter with another error model."""
 
 
-def filter_options(recipe: Recipe, method: str = "ekf") -> EkfOptions:
+def filter_options(recipe: Recipe, method: str = "ekf", log: DriveLog | None = None) -> EkfOptions:
     """Return the filter options of a method: the recipe's, for every method alike.
 
     Args:
         recipe: The recipe.
         method: ``ekf_plain`` takes the gyro bias away; every other name is the honest filter.
+        log: Tells the lever arm of the antenna where the recipe does not.
     """
     options = ekf_options(recipe.filter)
+    if log is not None and "lever_arm" not in recipe.filter:
+        options = replace(options, lever_arm=log.metadata.lever_arm)
     mechanization = replace(options.mechanization, dimensions=recipe.mechanization.dims)
     options = replace(options, mechanization=mechanization)
     return replace(options, model=PLAIN[method]) if method in PLAIN else options
@@ -59,7 +62,7 @@ class FilterRuns:
         key = (PLAIN.get(method, "ekf"), log_fingerprint(log))
         if key not in self._made:
             timeline = timeline_of(log, self.recipe)
-            navigator = Navigator(NavigatorOptions(filter=filter_options(self.recipe, method)))
+            navigator = Navigator(NavigatorOptions(filter=filter_options(self.recipe, method, log)))
             run = navigator.run(timeline.samples, timeline.fixes, timeline.timing)
             self._made[key] = (timeline, navigator, run)
         return self._made[key]
@@ -99,9 +102,9 @@ class DeadReckoning:
             outage: The outage.
         """
         timeline = timeline_of(log, self.recipe)
-        start = dead_reckoning_start(
-            timeline.samples, timeline.fixes, timeline.timing, self.options
-        )
+        arm = filter_options(self.recipe, log=log).lever_arm
+        options = replace(self.options, lever_arm=arm)
+        start = dead_reckoning_start(timeline.samples, timeline.fixes, timeline.timing, options)
         after = slice(start.sample + 1, None)
         trajectory = riss_over_time(
             start.state,

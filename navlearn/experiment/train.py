@@ -53,7 +53,7 @@ def train_recipe(
     check_recipe(recipe)
     log, _ = set_clocks(open_log(recipe), recipe, float("inf"))
     timeline = timeline_of(log, recipe)
-    navigator = Navigator(NavigatorOptions(filter=filter_options(recipe)))
+    navigator = Navigator(NavigatorOptions(filter=filter_options(recipe, log=log)))
     run = navigator.run(timeline.samples, timeline.fixes, timeline.timing)
     output = prepare_output_folder(Path(out), force)
     text = yaml.safe_dump(recipe.resolved(), sort_keys=False, allow_unicode=True)

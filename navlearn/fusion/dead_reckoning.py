@@ -27,11 +27,13 @@ class DeadReckoningOptions:
         window: Time over which gyro bias and azimuth are fitted to course, s.
         speed: Slowest speed at which course and scale are used, m/s.
         minimum_fixes: Fewest fixes for a bias fit; with fewer the bias at rest or zero is used.
+        lever_arm: GNSS antenna from the point that navigates, body RFU, m.
     """
 
     window: float = 120.0
     speed: float = 3.0
     minimum_fixes: int = 20
+    lever_arm: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 class DeadReckoningStart(NamedTuple):
@@ -178,13 +180,15 @@ def dead_reckoning_start(
     past_timing = FixTiming(timing.index[kept], timing.delay[kept])
     azimuth, bias, _ = fit_course(past, past_fixes, past_timing, options)
     scale = odometer_scale_from_gnss(past, past_fixes, past_timing, options.speed)
-    moved = samples.speed[index] / (1.0 + scale) * timing.delay[m]
+    right, forward, up = options.lever_arm
+    ahead = samples.speed[index] / (1.0 + scale) * timing.delay[m] - forward
+    sin, cos = torch.sin(azimuth), torch.cos(azimuth)
     lat, lon, height = shift_geodetic(
         fixes.lat[m],
         fixes.lon[m],
         fixes.height[m],
-        moved * torch.sin(azimuth),
-        moved * torch.cos(azimuth),
-        torch.zeros_like(moved),
+        ahead * sin - right * cos,
+        ahead * cos + right * sin,
+        torch.full_like(ahead, -up),
     )
     return DeadReckoningStart(index, NavState(lat, lon, height, azimuth), bias, scale)

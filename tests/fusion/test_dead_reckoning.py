@@ -6,7 +6,9 @@ import pytest
 import torch
 
 from navlearn import wgs84
+from navlearn.attitude import matrix_from_angles
 from navlearn.errors import LogError
+from navlearn.frames import enu_between
 from navlearn.fusion.dead_reckoning import (
     DeadReckoningOptions,
     dead_reckoning_start,
@@ -108,3 +110,14 @@ def test_without_a_course_the_error_says_what_to_do():
     nowhere = fixes._replace(has_position=0.0 * fixes.lat)
     with pytest.raises(LogError, match="no fix with a position"):
         dead_reckoning_start(samples, nowhere, timing, DeadReckoningOptions())
+
+
+def test_the_lever_arm_is_taken_off_the_antenna():
+    samples, fixes, timing, azimuth = winding_drive()
+    arm = (0.5, 2.0, 1.5)
+    bare = dead_reckoning_start(samples, fixes, timing, DeadReckoningOptions()).state
+    moved = dead_reckoning_start(samples, fixes, timing, DeadReckoningOptions(lever_arm=arm)).state
+    angles = (azimuth[-1], torch.zeros_like(azimuth[-1]), torch.zeros_like(azimuth[-1]))
+    antenna = matrix_from_angles(*angles) @ torch.tensor(arm, dtype=torch.float64)
+    found = torch.stack(enu_between(*bare[:3], *moved[:3]))
+    torch.testing.assert_close(found, antenna, atol=1e-6, rtol=0.0)
