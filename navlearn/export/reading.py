@@ -1,5 +1,6 @@
 """Predictors read back from their files."""
 
+import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -43,6 +44,11 @@ def load_predictor(path: str | Path) -> LoadedPredictor:
     path = Path(path)
     if not path.is_file():
         raise LogNotFoundError(f"{path}: there is no such predictor file; check the path")
+    if not zipfile.is_zipfile(path):  # torch would print a traceback of its own
+        raise ConfigError(
+            f"{path}: neither a TorchScript nor a torch.export predictor (no archive, or cut off); "
+            "make one with navlearn export"
+        )
     try:
         module, text = _load_torchscript(path)
         kind: Kind = "torchscript"

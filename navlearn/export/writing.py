@@ -72,7 +72,9 @@ def export_predictor(
     """
     path = Path(path)
     if path.exists() and not force:
-        raise OutputExistsError(f"{path}: exists already; choose another name or replace it (--force)")
+        raise OutputExistsError(
+            f"{path}: exists already; choose another name or replace it (--force)"
+        )
     if kind not in ("torchscript", "torch_export"):
         raise ConfigError(f"export: unknown format {kind!r}; choose torchscript or torch_export")
     metadata = describe(fitted)

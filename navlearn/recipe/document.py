@@ -116,6 +116,11 @@ def load_recipe(path: str | Path) -> Recipe:
     """
     file = read_yaml(Path(path), what="recipe")
     content = {key: value for key, value in file.content.items() if key != _VERSIONS}
+    if "log" not in content and {"format", "path"} <= content.keys():
+        raise ConfigError(
+            f"{path}: this is the descriptor of a log, not a recipe; give it to navlearn evaluate, "
+            "or name it under 'log' in a recipe"
+        )
     if isinstance(content.get("models"), list):
         content["models"] = [
             _spec_entry(entry, file, i) for i, entry in enumerate(content["models"])
@@ -155,7 +160,8 @@ def recipe_for(
     protocol = {"count": count, "duration_s": duration, **sections.pop("outage_options", {})}
     content = {
         "name": re.sub(r"[^A-Za-z0-9_.-]", "_", Path(log).stem).lstrip("_.-") or "evaluation",
-        "question": f"How do {', '.join(methods)} compare through {outages} s GNSS outages?",
+        "question": f"How do {', '.join(methods)} compare through {protocol['count']} GNSS outages "
+        f"of {protocol['duration_s']:g} s?",
         "log": _source(Path(log), format),
         "models": [spec.model_dump() for spec in specs],
         "methods": list(methods),

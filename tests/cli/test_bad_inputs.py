@@ -149,6 +149,19 @@ def test_unknown_recipe_key(tmp_path: Path) -> None:
     assert not (tmp_path / "run").exists()
 
 
+def test_descriptor_for_a_recipe(tmp_path: Path) -> None:
+    (tmp_path / "drive.yaml").write_text("name: drive\nformat: csv\npath: drive\n")
+    said = answer("run", tmp_path / "drive.yaml", "--out", tmp_path / "run", code=REFUSED)
+    assert "descriptor of a log, not a recipe; give it to navlearn evaluate" in said
+
+
+def test_table_for_a_predictor(drive: DriveLog, tmp_path: Path) -> None:
+    log = write(drive, tmp_path / "log")
+    options = ["--from", 300, "--to", 360, "--out", tmp_path / "p.csv"]
+    said = answer("predict", log / "imu.csv", log, *options, code=REFUSED)
+    assert "imu.csv: neither a TorchScript nor a torch.export predictor (no archive" in said
+
+
 def test_truncated_mat_file(tmp_path: Path) -> None:
     rows = np.random.default_rng(0).random((1000, 7))
     for name in ("f_w_IMSseconds_dt.mat", "INSPVA.mat"):
