@@ -7,7 +7,8 @@ from torch import Tensor
 
 from navlearn.error_models.base import FittedErrorModel, TrainingRecord, TrainingSource
 from navlearn.error_models.safeguard import GateVerdict, rolling_origin_gate
-from navlearn.errors import FitError
+from navlearn.error_models.storage import load_error_model
+from navlearn.errors import ConfigError, FitError
 from navlearn.experiment.correction import correct
 from navlearn.frames import enu_between
 from navlearn.learning.fit import fit_anarx
@@ -93,6 +94,7 @@ def learn(
     end: int,
     begin: float,
     log_name: str,
+    regime: str = "online",
     progress: bool = False,
 ) -> Learned:
     """Fit an error model to what lies before a sample, and judge it there.
@@ -108,6 +110,7 @@ def learn(
         end: Only samples before this one exist.
         begin: When the run's first interval begins, s from the start of the log.
         log_name: For the record.
+        regime: For the record: ``online``, or ``other-drives`` for a model meant for those.
         progress: Show the training's progress.
 
     Returns:
@@ -129,7 +132,7 @@ def learn(
     network = spec.anarx_options(outputs=len(OUTPUTS[spec.acts_on]))
     source = TrainingSource(
         logs=(log_name,),
-        regime="online",
+        regime=regime,
         acts_on=spec.acts_on,
         inputs=spec.inputs,
         outputs=OUTPUTS[spec.acts_on],
@@ -150,6 +153,60 @@ def learn(
         # variance, not what remains on those that were fitted.
         fitted.model.register_buffer("variance", trial.model.get_buffer("variance").clone())
     return Learned(fitted=fitted, verdict=verdict, example=windows.u[-1], trial=trial.record)
+
+
+def adopt(
+    recipe: Recipe,
+    spec: ModelSpec,
+    navigator: Navigator,
+    run: NavigatorRun,
+    *,
+    end: int,
+    begin: float,
+    log_name: str,
+) -> Learned:
+    """Take a model that was fitted on other drives, and judge it on this one's past.
+
+    Args:
+        recipe: The recipe.
+        spec: The model; its ``trained`` names the file.
+        navigator: What made the run.
+        run: A run with fixes up to ``end``.
+        end: Only samples before this one exist.
+        begin: When the run's first interval begins, s from the start of the log.
+        log_name: The drive at hand, on which the model must not have been fitted.
+
+    Returns:
+        The model as it was saved, and its verdict.
+
+    Raises:
+        ConfigError: The model does another job than its spec says, or was fitted on this drive.
+        FitError: The past holds no emulated outage to judge by.
+    """
+    if spec.trained is None:
+        raise ConfigError(f"{spec.name}: its spec names no trained model")
+    fitted = load_error_model(spec.trained)
+    source = fitted.record.source
+    for what, found, wanted in (
+        ("inputs", source.inputs, spec.inputs),
+        ("acts_on", source.acts_on, spec.acts_on),
+        ("a time step of", source.time_step, recipe.training.step_s),
+    ):
+        if found != wanted:
+            raise ConfigError(
+                f"{spec.trained}: was trained with {what} {found}, but {spec.name} asks for "
+                f"{wanted}; write its own into the spec, or train it anew"
+            )
+    if log_name in source.logs:
+        raise ConfigError(
+            f"{spec.trained}: was trained on {log_name} itself, so nothing could be judged by it; "
+            "train it on other drives, or leave 'trained' out to learn before each outage"
+        )
+    options = pseudo_outage_options(recipe)
+    outages = emulate_outages(navigator, run, options, end=end, begin=begin)
+    verdict = judge_on(fitted, spec, navigator, outages)
+    example = training_windows(outages, spec.inputs, spec.acts_on).u[-1]
+    return Learned(fitted=fitted, verdict=verdict, example=example, trial=fitted.record)
 
 
 def judge_on(

@@ -1,4 +1,4 @@
-"""Error models as methods: learned before the outage, run on their own output through it."""
+"""Error models as methods: learned before the outage or elsewhere, run on their own output."""
 
 from collections.abc import Callable
 
@@ -13,7 +13,7 @@ from navlearn.experiment.correction import (
     regressors_through,
     without_predicted_position_error,
 )
-from navlearn.experiment.learned import Learned, learn
+from navlearn.experiment.learned import Learned, adopt, learn
 from navlearn.logs.drive_log import DriveLog
 from navlearn.navigator import Navigator, NavigatorRun, belief_at
 from navlearn.outages.replay import Solution
@@ -55,7 +55,8 @@ class LearnedMethod:
         t, recipe = timeline.t[run.first :], self.runs.recipe
         try:
             block, gone = last_fix(run)
-            learned = learn(
+            obtain = learn if self.spec.trained is None else adopt
+            learned = obtain(
                 recipe,
                 self.spec,
                 navigator,

@@ -1,5 +1,6 @@
 """Runs a recipe: log, filter, fit, replay, report."""
 
+import hashlib
 import json
 import math
 import shlex
@@ -14,7 +15,7 @@ import torch
 import yaml
 
 from navlearn.error_models.storage import save_error_model
-from navlearn.errors import ConfigError
+from navlearn.errors import ConfigError, LogNotFoundError
 from navlearn.experiment.baselines import (
     PLAIN,
     DeadReckoning,
@@ -156,12 +157,22 @@ def _settings(recipe: Recipe, drive: Drive) -> dict[str, object]:
         if name in BASELINES:
             settings[name] = {**shared, "model": PLAIN.get(name, name)}
         else:
+            spec = recipe.model(name)
             settings[name] = {
                 **shared,
-                "model": recipe.model(name).model_dump(mode="json"),
+                "model": spec.model_dump(mode="json"),
+                "trained": "" if spec.trained is None else _digest(spec.trained),
                 "training": recipe.training.model_dump(mode="json"),
             }
     return settings
+
+
+def _digest(path: Path) -> str:
+    if not path.is_file():
+        raise LogNotFoundError(
+            f"{path}: no such file; 'trained' names a model that navlearn train wrote"
+        )
+    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def save_learned(output: OutputFolder, name: str, learned: Learned) -> None:
@@ -230,6 +241,6 @@ def _learned_summary(spec: ModelSpec, found: Replay) -> MethodSummary:
             f"the honest filter, through the outage less what {spec.type.upper()} predicts "
             f"({spec.acts_on}, inputs {', '.join(spec.inputs)})"
         ),
-        regime="online",
+        regime="online" if spec.trained is None else "other-drives",
         notes=tuple(notes),
     )

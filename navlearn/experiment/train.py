@@ -69,6 +69,7 @@ def train_recipe(
             end=int(run.samples.dt.shape[-1]),
             begin=float(timeline.t[run.first] - run.samples.dt[0]),
             log_name=log.metadata.name,
+            regime="other-drives",
             progress=progress,
         )
         save_learned(output, spec.name, models[spec.name])

@@ -89,6 +89,8 @@ class ModelSpec(Section):
         ridge: Penalty on the mean square of the weights.
         learning_rate: Step size of ``adam``.
         seed: Seed of the initial weights.
+        trained: Model that ``navlearn train`` fitted on other drives, relative to the spec: used
+            frozen, and nothing is learned on the drive at hand.
         safeguard: When a correction is trusted.
         question: What the model is meant to answer.
         notes: Anything a reader should know.
@@ -115,6 +117,7 @@ class ModelSpec(Section):
     ridge: NotNegative = 1.0
     learning_rate: Positive = 1e-2
     seed: Seed = 0
+    trained: Path | None = None
     safeguard: SafeguardSpec = SafeguardSpec()
     question: str = ""
     notes: str = ""
@@ -164,4 +167,7 @@ def load_spec(path: str | Path) -> ModelSpec:
         ConfigError: A key is unknown or a value is not allowed.
     """
     file = read_yaml(Path(path), what="model spec")
-    return parse(ModelSpec, file.content, file=file)
+    spec = parse(ModelSpec, file.content, file=file)
+    if spec.trained is None:
+        return spec
+    return spec.model_copy(update={"trained": (file.path.parent / spec.trained).resolve()})
