@@ -1,4 +1,8 @@
-"""Velocity over ground by odometer and azimuth, and how errors move it."""
+"""Velocity over ground by odometer and azimuth, and how errors move it.
+
+A GNSS velocity is that of an instant, the odometer's the mean of an interval, whose middle lies
+half an interval back: the speed is carried on to the instant by the odometer's acceleration.
+"""
 
 from typing import NamedTuple
 
@@ -50,16 +54,24 @@ class Odometry(NamedTuple):
     """What the last sample says with sensor errors removed, for both functions below.
 
     Attributes:
-        v_h: Horizontal velocity, m/s, shape (...).
-        v_u: Velocity up, m/s, shape (...).
+        v_h: Horizontal velocity, mean of the interval, m/s, shape (...).
+        v_u: Velocity up, mean of the interval, m/s, shape (...).
+        push_h: Growth of v_h, m/s², shape (...).
+        push_u: Growth of v_u, m/s², shape (...).
+        half: Half the interval, s, shape (...).
         turn: Turn rate and its derivative.
         by_sensor: Change of (v_h, v_u) per sensor parameter, shape (..., 2, m).
+        push_by_sensor: The same of (push_h, push_u), shape (..., 2, m).
     """
 
     v_h: Tensor
     v_u: Tensor
+    push_h: Tensor
+    push_u: Tensor
+    half: Tensor
     turn: TurnRate
     by_sensor: Tensor
+    push_by_sensor: Tensor
 
 
 def odometry(errors: SensorErrors, end: BlockEnd, sensor: Tensor) -> Odometry:
@@ -81,43 +93,39 @@ def odometry(errors: SensorErrors, end: BlockEnd, sensor: Tensor) -> Odometry:
     rate = motion.turn / torch.where(motion.dt > 0.0, motion.dt, torch.ones_like(zero))
     pitch = sample.pitch - sensor[..., -1] if errors.pitch_bias else sample.pitch
     tilt = per_tilt(errors, sample, pitch) * moving
-    turns: list[Tensor] = []
-    levels: list[Tensor] = []
-    climbs: list[Tensor] = []
-    if errors.velocity_states:
-        turns, levels, climbs = [zero, tilt], [zero, zero], [zero, zero]
     scale = zero
-    j = len(errors.gyro_terms)
-    for term in errors.speed_terms:
-        if term == "scale":
-            scale = sensor[..., j]
-        j += 1
+    if "scale" in errors.speed_terms:
+        scale = sensor[..., len(errors.gyro_terms) + errors.speed_terms.index("scale")]
+    per_scale = 1.0 / (1.0 + scale)
+    push = end.acceleration * moving * per_scale
+    push_h = push * torch.cos(pitch) if errors.three_d else push
+    push_u = push * torch.sin(pitch) if errors.three_d else zero
+    turns: list[Tensor] = [zero, tilt] if errors.velocity_states else []
+    changes: list[tuple[Tensor, ...]] = [(zero, zero, zero, zero)] * len(turns)
     if not errors.velocity_states:
         for term in errors.gyro_terms:
             turns.append(tilt * gyro_regressor(term, sample))
-            levels.append(zero)
-            climbs.append(zero)
+            changes.append((zero, zero, zero, zero))
         for term in errors.speed_terms:
             turns.append(zero)
             if term == "scale":
-                levels.append(-motion.v_h / (1.0 + scale))
-                climbs.append(-motion.v_u / (1.0 + scale))
+                ahead = (motion.v_h, motion.v_u, push_h, push_u)
+                changes.append(tuple(-per_scale * x for x in ahead))
             else:
-                push = end.acceleration * moving / (1.0 + scale)
-                levels.append(push * torch.cos(pitch) if errors.three_d else push)
-                climbs.append(push * torch.sin(pitch) if errors.three_d else zero)
+                changes.append((push_h, push_u, zero, zero))
         if errors.pitch_bias:
             tangent = torch.tan(pitch)
             turns.append(-rate * tangent if errors.tilt_compensation else zero)
-            levels.append(tangent * motion.v_h)
-            climbs.append(-motion.v_h)
+            changes.append((tangent * motion.v_h, -motion.v_h, tangent * push_h, -push_h))
     first = 7 if errors.velocity_states else 4
-    by_error = torch.stack([zero] * first + turns, -1)
-    if len(levels) == 0:
-        by_sensor = sensor.unsqueeze(-2).expand(*sensor.shape[:-1], 2, 0)
-    else:
-        by_sensor = torch.stack((torch.stack(levels, -1), torch.stack(climbs, -1)), -2)
-    return Odometry(motion.v_h, motion.v_u, TurnRate(rate, by_error), by_sensor)
+    turn = TurnRate(rate, torch.stack([zero] * first + turns, -1))
+    by_sensor = sensor.new_zeros((*sensor.shape[:-1], 4, 0))
+    if changes:
+        rows = [torch.stack(row, -1) for row in zip(*changes, strict=True)]
+        by_sensor = torch.stack(rows, -2)
+    half = 0.5 * sample.dt
+    v, pushes = by_sensor[..., :2, :], by_sensor[..., 2:, :]
+    return Odometry(motion.v_h, motion.v_u, push_h, push_u, half, turn, v, pushes)
 
 
 def ground_velocity(
@@ -137,16 +145,23 @@ def ground_velocity(
     """
     earlier = azimuth - told.turn.rate * lag
     sine, cosine = torch.sin(earlier), torch.cos(earlier)
-    v_e, v_n = told.v_h * sine, told.v_h * cosine
-    velocity = torch.stack((v_e, v_n, told.v_u), -1) + offset
+    ahead = told.half - lag
+    v_h, v_u = told.v_h + ahead * told.push_h, told.v_u + ahead * told.push_u
+    v_e, v_n = v_h * sine, v_h * cosine
+    velocity = torch.stack((v_e, v_n, v_u), -1) + offset
     zero = torch.zeros_like(v_e)
     across = torch.stack((v_n, -v_e, zero), -1).unsqueeze(-1)
     turned = -lag.unsqueeze(-1) * told.turn.by_error
     by_error = across * turned.unsqueeze(-2)
     if errors.velocity_states:
-        unit = torch.eye(3, dtype=v_e.dtype, device=v_e.device)
-        return GroundVelocity(velocity, by_error + torch.nn.functional.pad(unit, (3, 3)))
-    level, climb = told.by_sensor.unbind(-2)
+        # the velocity states are those of the interval's mean: azimuth turns the rest with it
+        rest = (ahead * told.push_h).unsqueeze(-1)
+        more = rest * torch.stack((cosine, -sine, zero), -1)
+        unit = torch.eye(3, dtype=v_e.dtype, device=v_e.device).expand(*v_e.shape, 3, 3)
+        columns = torch.nn.functional.pad(torch.cat((unit, more.unsqueeze(-1)), -1), (3, 2))
+        return GroundVelocity(velocity, by_error + columns)
+    along = told.by_sensor + ahead.unsqueeze(-1).unsqueeze(-1) * told.push_by_sensor
+    level, climb = along.unbind(-2)
     direct = torch.stack((level * sine.unsqueeze(-1), level * cosine.unsqueeze(-1), climb), -2)
     columns = torch.cat((across, direct), -1)
     return GroundVelocity(velocity, by_error + torch.nn.functional.pad(columns, (3, 0)))

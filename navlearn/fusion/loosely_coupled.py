@@ -149,7 +149,8 @@ class LooselyCoupledEkf(nn.Module):
             sample: The interval's sample, shape (...) each.
             delay: End of the interval minus the fix's time, s, shape (...); None means zero.
             rest: Standstill up to now that has not been used yet; None means none.
-            acceleration: As in :meth:`step`.
+            acceleration: As in :meth:`step`; it carries the speed from the middle of the
+                interval to the fix. None means a steady speed.
 
         Returns:
             Belief after the update, errors fed back.

@@ -192,29 +192,41 @@ def corrected_motion(
     )
 
 
-def odometer_acceleration(dt: Tensor, speed: Tensor, span: float = 0.2) -> Tensor:
+def odometer_acceleration(
+    dt: Tensor, speed: Tensor, at: Tensor | None = None, span: float = 0.2
+) -> Tensor:
     """Return forward acceleration by differencing the odometer over the last moments.
 
     Causal: the difference of two means of ``span`` each, so a stamped step is not a spike.
 
     Args:
-        dt: Lengths of the intervals, s, shape (..., T).
-        speed: Odometer speed, m/s, shape (..., T).
+        dt: Lengths of the intervals, s, shape (B, T).
+        speed: Odometer speed, m/s, shape (B, T).
+        at: Samples at whose end it is wanted, int64, shape (B, K); None means all.
         span: Length of each mean, s.
 
     Returns:
-        Acceleration, m/s², shape (..., T); zero until two spans have passed.
+        Acceleration, m/s², shape (B, K) or (B, T); zero until two spans have passed.
     """
     length = dt.shape[-1]
     typical = float(dt[dt > 0].median()) if bool((dt > 0).any()) else 1.0
     lag = max(1, round(span / typical))
-    if length <= 2 * lag:
-        return torch.zeros_like(speed)
     way = torch.nn.functional.pad(torch.cumsum(speed * dt, -1), (1, 0))
     time = torch.nn.functional.pad(torch.cumsum(dt, -1), (1, 0))
-    moved, spent = way[..., lag:] - way[..., :-lag], time[..., lag:] - time[..., :-lag]
-    mean = moved / spent.clamp(min=1e-9)
-    middle = time[..., lag:] - 0.5 * spent
-    change, gap = mean[..., lag:] - mean[..., :-lag], middle[..., lag:] - middle[..., :-lag]
-    late = torch.where(gap > 0, change / gap.clamp(min=1e-9), torch.zeros_like(change))
+    if at is not None:
+        early = at + 1 < 2 * lag
+        cuts = [(at + 1 - j * lag).clamp(min=0) for j in range(3)]
+        ways, times = ([torch.gather(x, -1, cut) for cut in cuts] for x in (way, time))
+        return torch.where(early, 0.0, _second_difference(ways, times))
+    if length <= 2 * lag:
+        return torch.zeros_like(speed)
+    ways, times = ([x[..., 2 * lag :], x[..., lag:-lag], x[..., : -2 * lag]] for x in (way, time))
+    late = _second_difference(ways, times)
     return torch.nn.functional.pad(late, (length - late.shape[-1], 0))
+
+
+def _second_difference(way: list[Tensor], time: list[Tensor]) -> Tensor:
+    mean = [(way[j] - way[j + 1]) / (time[j] - time[j + 1]).clamp(min=1e-9) for j in range(2)]
+    gap = 0.5 * (time[0] - time[2])
+    change = torch.where(gap > 0, mean[0] - mean[1], 0.0)
+    return change / gap.clamp(min=1e-9)

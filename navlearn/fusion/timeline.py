@@ -13,6 +13,9 @@ from navlearn.fusion.standstill import rest_at_end
 from navlearn.fusion.updates import Occasion
 from navlearn.states import FixTiming, GnssFix, NavState, RissSample, Trajectory
 
+HARDEST = 15.0
+"""Acceleration beyond which the odometer's step is not one of speed, m/s²."""
+
 
 class Timeline(NamedTuple):
     """Drives in blocks.
@@ -52,7 +55,9 @@ def timeline(
         last_acceleration = gathered(acceleration, blocks.end)
     else:
         laid_acceleration = torch.zeros_like(laid.dt)
-        last_acceleration = laid_acceleration[..., 0]
+        last_acceleration = odometer_acceleration(samples.dt, samples.speed, blocks.end)
+    # no car does that: the odometer dropped out or came back
+    last_acceleration = torch.where(last_acceleration.abs() < HARDEST, last_acceleration, 0.0)
     chosen = blocks.fix.clamp(min=0)
     there = (blocks.fix >= 0).to(samples.dt)
     fix = GnssFix(*(gathered(channel, chosen) for channel in fixes))

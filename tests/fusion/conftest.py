@@ -42,8 +42,15 @@ def drive(
     length, dt = seconds * rate, 1.0 / rate
     t = torch.arange(1, length + 1, dtype=torch.float64) * dt
     phase = 6.28 * torch.rand(batch, 3, 1, generator=g, dtype=torch.float64)
-    speed = 12.0 + 8.0 * torch.sin(0.13 * t + phase[:, 0])
-    speed = torch.where(t % 25 > 20, 0.0, speed)
+
+    def speed_at(time: Tensor) -> Tensor:
+        """Four seconds to stop, four of standing, four to be off again, every 25."""
+        u = time % 25
+        ramp = torch.where(u < 22, torch.minimum(20 - u, u + 1), u - 24) / 4
+        return ramp.clamp(0, 1) * (12.0 + 8.0 * torch.sin(0.13 * time + phase[:, 0]))
+
+    # samples are means over intervals, fixes are of the instant at which intervals end
+    speed = speed_at(t - 0.5 * dt)
     rate_of_turn = 0.15 * torch.sin(0.2 * t + phase[:, 1]) + 0.05 * torch.sin(0.9 * t)
     rate_of_turn = torch.where(speed > 0, rate_of_turn, 0.0)
     pitch = 0.03 * torch.sin(0.12 * t + phase[:, 2])
@@ -63,7 +70,7 @@ def drive(
     shift = (position_sigma * normal(*shape) for _ in range(3))
     lat, lon, height = shift_geodetic(at.lat, at.lon, at.height, *shift)
     one = torch.ones(shape, dtype=torch.float64)
-    fast, slope = (torch.gather(x.expand(batch, -1), 1, index) for x in (speed, pitch))
+    fast, slope = (torch.gather(x.expand(batch, -1), 1, index) for x in (speed_at(t), pitch))
     ahead = fast * torch.cos(slope)
     v = [ahead * torch.sin(at.azimuth), ahead * torch.cos(at.azimuth), fast * torch.sin(slope)]
     v = [x + velocity_sigma * normal(*shape) for x in v]

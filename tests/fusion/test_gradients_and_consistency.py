@@ -47,9 +47,10 @@ def test_gradient_of_the_fast_form_is_that_of_the_loop(make_drive):
         position, azimuth, spread = end(*inputs)
         loss = position.square().sum() + 100.0 * azimuth.sum() + spread.sum()
         found.append(torch.autograd.grad(loss, inputs))
-    # the drive forgets the azimuth it started with: little is left to compare
-    for exact, fast, limit in zip(*found, (1e-4, 1e-4, 2e-2, 1e-4), strict=True):
-        assert float((fast - exact).norm() / exact.norm()) < limit
+    # the drive forgets the azimuth it started with: of the loss's 100 hardly anything is left
+    for exact, fast, least in zip(*found, (0.0, 0.0, 100.0, 0.0), strict=True):
+        scale = exact.norm().clamp(min=least)
+        assert float((fast - exact).norm() / scale) < (1e-3 if least else 1e-4)
 
 
 def test_noise_can_be_learned_through_the_filter(make_drive):
