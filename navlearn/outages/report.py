@@ -6,32 +6,13 @@ from pathlib import Path
 
 import pandas as pd
 
-from navlearn.outages.naming import axis_label
-from navlearn.outages.run_summary import DriveSummary, RunSummary, comparisons
+from navlearn.outages.markdown import markdown_table, number
+from navlearn.outages.report_methods import methods_section
+from navlearn.outages.run_summary import DriveSummary, RunSummary
 from navlearn.outages.schedule import OutageProtocol
-from navlearn.outages.statistics import Comparison, averages
-from navlearn.outages.wording import BASELINE_VERDICTS, meaning
+from navlearn.outages.wording import meaning
 
 MOST_OUTAGES = 60
-REGIMES = {
-    "none": "nothing is learned",
-    "online": "learned on this drive, anew for each outage, from what lies before it",
-    "other-drives": "learned on other drives, then frozen",
-    "adapted": "learned on other drives, then adapted to what lies before each outage",
-}
-"""Training regimes in words."""
-
-OTHER_FIGURES = (
-    "rms_horizontal_error_m",
-    "final_horizontal_error_m",
-    "final_horizontal_error_percent",
-    "max_azimuth_error_deg",
-    "max_height_error_m",
-    "max_velocity_error_m_per_s",
-    "rms_along_track_error_m",
-    "rms_cross_track_error_m",
-    "share_in_95_ellipse",
-)
 
 
 def write_report(path: Path, summary: RunSummary) -> Path:
@@ -61,7 +42,7 @@ def report_text(summary: RunSummary) -> str:
         "## What this means\n",
         *(f"- {line}" for line in meaning(summary)),
         "\n## Methods side by side\n",
-        *_methods_section(summary),
+        *methods_section(summary),
         "\n## Drives and protocol\n",
         *(_drive_text(drive) for drive in summary.drives),
         _protocol_text(summary.protocol),
@@ -76,103 +57,6 @@ def report_text(summary: RunSummary) -> str:
         _one_line("Seeds", {**summary.seeds, "bootstrap": summary.bootstrap_seed}),
     ]
     return "\n".join(sections) + "\n"
-
-
-def markdown_table(header: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
-    """Return a Markdown table; the first column is text, the others are figures.
-
-    Args:
-        header: Names of the columns.
-        lines: Cells of every line.
-    """
-    rule = ["---", *(["---:"] * (len(header) - 1))]
-    return "\n".join("| " + " | ".join(cells) + " |" for cells in (header, rule, *lines)) + "\n"
-
-
-def _methods_section(summary: RunSummary) -> list[str]:
-    table = {name: averages(summary.rows, name, summary.metric) for name in summary.methods}
-    out = [
-        f"By `{summary.metric}`: {axis_label(summary.metric)} of each outage, then the mean, "
-        "median and 90th percentile over the outages.\n"
-    ]
-    out.append(
-        markdown_table(
-            ("method", "training", "outages", "failed", "mean", "median", "90 %"),
-            [
-                (
-                    name,
-                    about.regime,
-                    str(table[name].outages),
-                    str(table[name].failed),
-                    *(_number(v) for v in (table[name].mean, table[name].median, table[name].p90)),
-                )
-                for name, about in summary.methods.items()
-            ],
-        )
-    )
-    out += [f"- **{name}**: {about.description}" for name, about in summary.methods.items()]
-    out += [f"- {name}: {note}" for name, about in summary.methods.items() for note in about.notes]
-    used = dict.fromkeys(about.regime for about in summary.methods.values())
-    out += [f"- Training `{regime}`: {REGIMES[regime]}." for regime in used if regime in REGIMES]
-    for baseline in summary.baselines:
-        found = comparisons(summary, baseline)
-        if found:
-            out += [f"\n### Against `{baseline}`\n", _comparison_table(summary, found)]
-    out += ["\n### Other figures (median over outages)\n", _other_figures(summary)]
-    return out
-
-
-def _comparison_table(summary: RunSummary, found: dict[str, Comparison]) -> str:
-    header = (
-        "method", "improvement %", "95 % interval", "better in", "sign test p",
-        "over 10 % worse in", "verdict",
-    )  # fmt: skip
-    lines = [
-        (
-            name,
-            _signed(one.improvement_percent),
-            f"{_signed(one.low_percent)} to {_signed(one.high_percent)}",
-            f"{one.wins} of {one.pairs}" + (f", {one.ties} equal" if one.ties else ""),
-            f"{one.sign_test_p:.3f}",
-            str(one.harm_count),
-            _verdict(summary, name, one),
-        )
-        for name, one in found.items()
-    ]
-    drawn = {f"{one.units} {one.drawn_by}s" for one in found.values()}
-    note = (
-        "Improvement: by how much the mean error is smaller than the baseline's (negative: "
-        f"larger); paired bootstrap drawn from {' / '.join(sorted(drawn))}. A verdict is given "
-        "only where the interval excludes zero.\n"
-    )
-    return markdown_table(header, lines) + "\n" + note
-
-
-def _verdict(summary: RunSummary, name: str, found: Comparison) -> str:
-    if summary.methods[name].regime == "none":
-        return BASELINE_VERDICTS.get(found.verdict, "no evidence")
-    if found.pairs and found.ties == found.pairs and found.failed == 0:
-        return "never acted"
-    return found.verdict
-
-
-def _other_figures(summary: RunSummary) -> str:
-    shown = [name for name in OTHER_FIGURES if summary.rows[name].notna().any()]
-    medians = summary.rows.groupby("method")[shown].median()
-    table = markdown_table(
-        ("figure", *summary.methods),
-        [
-            (f"`{name}`", *(_number(medians.loc[method, name]) for method in summary.methods))
-            for name in shown
-        ],
-    )
-    if "share_in_95_ellipse" not in shown:
-        return table
-    return (
-        f"{table}\n`share_in_95_ellipse` is the share of the outage in which the 95 % ellipse of "
-        "the method's own covariance holds the car; far below 0.95 the method is surer than it "
-        "should be.\n"
-    )
 
 
 def _drive_text(drive: DriveSummary) -> str:
@@ -256,7 +140,7 @@ def _outage_section(summary: RunSummary) -> list[str]:
         lines.append(
             [
                 name, f"{about['start_s']:.1f}", str(about["dynamics"]),
-                _number(about["distance_m"], 0), *_best_in_bold(values),
+                number(about["distance_m"], 0), *_best_in_bold(values),
             ]
         )  # fmt: skip
     out = [f"`{summary.metric}`, the smallest in bold.\n", markdown_table(header, lines)]
@@ -270,7 +154,7 @@ def _outage_section(summary: RunSummary) -> list[str]:
 def _best_in_bold(values: Sequence[float]) -> list[str]:
     known = [value for value in values if math.isfinite(value)]
     return [
-        f"**{_number(value)}**" if known and value == min(known) else _number(value)
+        f"**{number(value)}**" if known and value == min(known) else number(value)
         for value in values
     ]
 
@@ -278,12 +162,3 @@ def _best_in_bold(values: Sequence[float]) -> list[str]:
 def _one_line(title: str, entries: object) -> str:
     pairs = ", ".join(f"{key} {value}" for key, value in dict(entries).items())  # type: ignore[call-overload]
     return f"**{title}.** {pairs}.\n"
-
-
-def _number(value: object, digits: int = 2) -> str:
-    number = float(value)  # type: ignore[arg-type]
-    return f"{number:.{digits}f}" if math.isfinite(number) else "–"
-
-
-def _signed(value: float) -> str:
-    return f"{value:+.1f}".replace("-", "−") if math.isfinite(value) else "–"

@@ -13,12 +13,13 @@ from navlearn.errors import ConfigError, FilterDivergedError, MissingExtraError
 from navlearn.logs.drive_log import DriveLog
 from navlearn.outages import canvas
 from navlearn.outages.maps import Scene, plot_drifts, plot_track
+from navlearn.outages.markdown import markdown_table
 from navlearn.outages.naming import axis_label, with_unit
 from navlearn.outages.output import prepare_output_folder
 from navlearn.outages.placement import place_outages
 from navlearn.outages.plots import plot_distribution, plot_error_growth
 from navlearn.outages.replay import Solution, join_replays, replay
-from navlearn.outages.report import markdown_table, report_text
+from navlearn.outages.report import report_text
 from navlearn.outages.results import write_results
 from navlearn.outages.run_summary import DriveSummary, MethodSummary, RunSummary
 from navlearn.outages.schedule import Outage, OutageProtocol

@@ -1,0 +1,35 @@
+"""Tables and figures in Markdown."""
+
+import math
+from collections.abc import Sequence
+
+
+def markdown_table(header: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
+    """Return a Markdown table; the first column is text, the others are figures.
+
+    Args:
+        header: Names of the columns.
+        lines: Cells of every line.
+    """
+    rule = ["---", *(["---:"] * (len(header) - 1))]
+    return "\n".join("| " + " | ".join(cells) + " |" for cells in (header, rule, *lines)) + "\n"
+
+
+def number(value: object, digits: int = 2) -> str:
+    """Return a figure with so many digits, or a dash where there is none.
+
+    Args:
+        value: The figure.
+        digits: After the point.
+    """
+    number = float(value)  # type: ignore[arg-type]
+    return f"{number:.{digits}f}" if math.isfinite(number) else "–"
+
+
+def signed(value: float) -> str:
+    """Return a figure with its sign, a true minus, or a dash where there is none.
+
+    Args:
+        value: The figure.
+    """
+    return f"{value:+.1f}".replace("-", "−") if math.isfinite(value) else "–"
