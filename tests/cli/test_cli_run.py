@@ -99,7 +99,7 @@ def test_train_fits_a_drive_without_outages(home: Path) -> None:
     assert (home / "trained" / "models" / "tiny.pt").is_file()
     invoke("export", home / "trained", "--model", "tiny", "--to", home / "trained.pt")
     trained_on = load_predictor(home / "trained.pt").metadata.trained_on
-    assert trained_on["regime"] == "online"
+    assert trained_on["regime"] == "other-drives"
 
 
 def test_train_takes_a_descriptor_or_a_recipe(run: Path, home: Path) -> None:
