@@ -7,6 +7,7 @@ from torch import Tensor
 
 from navlearn.errors import FilterDivergedError, LogError, ShapeError
 from navlearn.filters.belief import Belief
+from navlearn.filters.consistency import chi_square_quantile
 from navlearn.fusion.filter_model import FilterModel
 from navlearn.fusion.history import FilterHistory
 from navlearn.fusion.measurements import Kind, Verdict
@@ -17,6 +18,21 @@ WARN_REFUSED = 0.5
 
 WARN_AT_LEAST = 30
 """Fewest measurements of a kind on which a warning is based."""
+
+WARN_NIS = 5.0
+"""Median NIS over that of χ² above which a run is warned about.
+
+Too small an NIS is no ill health: noise-free simulation and sensors better than stated have one.
+"""
+
+NOISE_BEHIND = {
+    Kind.POSITION: "position_inflation, position_floor or height_floor",
+    Kind.VELOCITY: "velocity_inflation, velocity_floor or speed_noise",
+    Kind.COURSE: "velocity_inflation or velocity_floor",
+    Kind.ZERO_YAW_RATE: "zero_yaw_rate",
+    Kind.ZERO_SPEED: "zero_speed",
+}
+"""Noise to change where the NIS of a kind is far off."""
 
 
 def check_inputs(
@@ -98,7 +114,7 @@ def _check_shapes(
 
 
 def check_history(model: FilterModel, history: FilterHistory, samples: RissSample) -> None:
-    """Refuse a run that lost its covariance or its state; warn of one that refused most fixes.
+    """Refuse a run that lost its covariance or its state; warn of one whose noise is far off.
 
     Args:
         model: The filter.
@@ -126,8 +142,10 @@ def check_history(model: FilterModel, history: FilterHistory, samples: RissSampl
             "densities, the units of samples and fixes, and the starting belief"
         )
     _warn_of_refusals(model, history)
+    _warn_of_noise(model, history)
 
 
+# texts without figures: Python tells the same text once, however many stretches are replayed
 def _warn_of_refusals(model: FilterModel, history: FilterHistory) -> None:
     for kind in model.rows.kinds:
         verdict = history.verdict[..., kind]
@@ -135,9 +153,26 @@ def _warn_of_refusals(model: FilterModel, history: FilterHistory) -> None:
         refused = int((verdict == int(Verdict.REFUSED_BY_GATE)).sum())
         if seen >= WARN_AT_LEAST and refused > WARN_REFUSED * seen:
             warnings.warn(
-                f"filter: the gate refused {refused} of {seen} measurements of kind "
-                f"{kind.name.lower()}; the noise is too small for this log, or azimuth, odometer "
-                "scale or lever arm are wrong: look at history.nis",
+                f"filter: the gate refused more than {WARN_REFUSED:.0%} of the measurements of "
+                f"kind {kind.name.lower()}; the noise is too small for this log, or azimuth, "
+                "odometer scale or lever arm are wrong: look at history.nis",
+                UserWarning,
+                stacklevel=4,
+            )
+
+
+def _warn_of_noise(model: FilterModel, history: FilterHistory) -> None:
+    for kind, degrees in zip(model.rows.kinds, model.rows.count, strict=True):
+        nis = history.nis[..., kind].detach()
+        nis = nis[torch.isfinite(nis)]
+        if len(nis) < WARN_AT_LEAST:
+            continue
+        # the median, so that a few outliers that the gate refuses do not count
+        if float(nis.median()) > WARN_NIS * chi_square_quantile(0.5, degrees):
+            warnings.warn(
+                f"filter: half of the innovations of kind {kind.name.lower()} have an NIS above "
+                f"{WARN_NIS:g} times what their noise foretells; raise {NOISE_BEHIND[kind]} in "
+                "NoiseOptions",
                 UserWarning,
                 stacklevel=4,
             )

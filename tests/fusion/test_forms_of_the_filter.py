@@ -313,13 +313,19 @@ def test_errors_name_what_is_wrong(make_drive):
         ekf(belief, d.samples, d.fixes, d.timing)
 
 
-def test_a_hopeless_filter_warns(make_drive):
-    d = make_drive(seconds=60)
+def test_a_hopeless_filter_warns_in_the_same_words_each_time(make_drive):
     gate = GateOptions(reset_after=100)
     noise = NoiseOptions(position_inflation=0.0, position_floor=0.001)
-    options = stated(gate=gate, noise=noise)
-    with pytest.warns(UserWarning, match=r"refused .* of kind position"):
-        run(options, d)
+    options = EkfOptions(gate=gate, noise=noise)
+    said = []
+    for seed in range(2):
+        with pytest.warns(UserWarning, match="position") as told:
+            run(options, make_drive(seconds=60, seed=seed))
+        said.append([str(one.message) for one in told])
+    assert said[0] == said[1]
+    refusals, noise_too_small = said[0]
+    assert "refused more than 50% of the measurements of kind position" in refusals
+    assert "raise position_inflation, position_floor" in noise_too_small
 
 
 def test_options_refuse_nonsense():
