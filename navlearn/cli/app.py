@@ -3,6 +3,7 @@
 Commands import what they need when they run, so that ``navlearn --help`` answers at once.
 """
 
+import os
 from typing import Annotated, Any
 
 import typer
@@ -85,4 +86,6 @@ for _command in (check, simulate, run, train, evaluate, export, predict):
 
 def main() -> None:
     """Run the command line."""
+    # Tensors here are small: several threads would spend more on meeting than on working.
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
     app()

@@ -101,7 +101,7 @@ def set_clocks(log: DriveLog, recipe: Recipe, until: float) -> tuple[DriveLog, t
             values[name], how = stated, "as the log's descriptor says"
         else:
             values[name], how = _clear(estimate(log, until=until), until)
-        notes.append(f"clocks: {name} {values[name]:+.3f} s, {how}")
+        notes.append(f"clocks: {name} {values[name]:+.3f} s: {how}")
     return _without(log, values), tuple(notes)
 
 
@@ -121,12 +121,13 @@ def _without(log: DriveLog, latencies: Mapping[str, float]) -> DriveLog:
 def _clear(found: Estimate | None, until: float) -> tuple[float, str]:
     before = "from the drive" + (f" before {until:.0f} s" if np.isfinite(until) else "")
     if found is None:
-        return 0.0, f"not observable {before}"
+        return 0.0, f"it could not be estimated {before}"
+    told = f"{found.value:+.3f} ± {found.std:.3f} s, estimated {before}"
     if abs(found.value) < CLEAR * found.std:
-        return 0.0, f"{found.value:+.3f} ± {found.std:.3f} s {before} is not clear of zero"
+        return 0.0, f"{told}, is not clear of zero"
     if found.std > WELL_KNOWN:
-        return 0.0, f"{found.value:+.3f} ± {found.std:.3f} s {before} is too uncertain to use"
-    return found.value, f"± {found.std:.3f} s {before}"
+        return 0.0, f"{told}, is too uncertain to use"
+    return found.value, told
 
 
 def timeline_of(log: DriveLog, recipe: Recipe) -> RissTimeline:

@@ -2,8 +2,6 @@
 
 import hashlib
 import json
-import math
-import shlex
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -26,23 +24,15 @@ from navlearn.experiment.baselines import (
 from navlearn.experiment.drive import Drive, prepare_drive
 from navlearn.experiment.learned import Learned
 from navlearn.experiment.learned_method import LearnedMethod
+from navlearn.experiment.summary import run_summary
 from navlearn.export.example import save_example
 from navlearn.outages.maps import Scene
 from navlearn.outages.output import OutputFolder, prepare_output_folder
-from navlearn.outages.replay import Method, Replay, replay
+from navlearn.outages.replay import Method, replay
 from navlearn.outages.results import write_results
-from navlearn.outages.run_summary import DriveSummary, MethodSummary, RunSummary
 from navlearn.outages.tables import summary_content
-from navlearn.outages.track import driven, track_of
 from navlearn.recipe import Recipe
 from navlearn.recipe.document import BASELINES
-from navlearn.recipe.spec import ModelSpec
-
-DESCRIPTIONS = {
-    "dead_reckoning": "last fix, last course, bias of the last two minutes; then mechanization",
-    "ekf_plain": "the filter without a gyro bias state, what papers often compare with",
-    "ekf": "the honest filter: position, azimuth, gyro bias, odometer scale; tuned, gated",
-}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,7 +127,7 @@ def run_recipe(
         settings=_settings(recipe, drive),
         progress=progress,
     )
-    summary = _run_summary(recipe, drive, found, resolved["versions"], output.path)
+    summary = run_summary(recipe, drive, found, resolved["versions"], output.path)
     scene = Scene(log=drive.log, outages=drive.placement.outages, replay=found)
     summary = write_results(output, summary, [scene])
     output.finish()
@@ -187,60 +177,3 @@ def save_learned(output: OutputFolder, name: str, learned: Learned) -> None:
     """
     save_error_model(learned.fitted, output.claim(f"models/{name}.pt"), force=True)
     save_example(learned.example, output.claim(f"models/{name}_example.pt"))
-
-
-def _run_summary(
-    recipe: Recipe, drive: Drive, found: Replay, versions: Mapping[str, str], folder: Path
-) -> RunSummary:
-    log, track = drive.log, track_of(drive.log)
-    truth = "truth" if log.metadata.is_truth else "reference"
-    described = {
-        name: MethodSummary(description=DESCRIPTIONS[name])
-        if name in BASELINES
-        else _learned_summary(recipe.model(name), found)
-        for name in recipe.methods
-    }
-    return RunSummary(
-        title=recipe.name,
-        question=recipe.question,
-        drives=(
-            DriveSummary(
-                name=log.metadata.name,
-                source=log.metadata.source,
-                duration=log.duration,
-                distance=float(driven(track)[-1]),
-                placement=drive.placement,
-                license=log.metadata.license,
-                judged_by="fixes" if log.reference is None else truth,
-            ),
-        ),
-        protocol=recipe.outages.protocol(),
-        methods=described,
-        rows=found.rows,
-        command=f"navlearn run {shlex.quote(str(folder / 'recipe.yaml'))} --out NEW_FOLDER",
-        versions=versions,
-        seeds={"recipe": recipe.seed, **{spec.name: spec.seed for spec in recipe.models}},
-        baselines=tuple(name for name in ("ekf", "ekf_plain") if name in recipe.methods),
-        remarks=drive.notes,
-    )
-
-
-def _learned_summary(spec: ModelSpec, found: Replay) -> MethodSummary:
-    mine = [one.notes for (name, _), one in found.solutions.items() if name == spec.name]
-    used = sum(bool(notes.get("used")) for notes in mine)
-    gains = [float(str(notes["gate_improvement_percent"])) for notes in mine
-             if "gate_improvement_percent" in notes]  # fmt: skip
-    known = [gain for gain in gains if math.isfinite(gain)]
-    why = "the gate let it act" if spec.safeguard.gate else "without a gate it acted"
-    notes = [f"{why} in {used} of {len(mine)} outages"]
-    if known:
-        middle = float(pd.Series(known).median())
-        notes.append(f"median improvement on the gate's emulated outages {middle:+.1f} %")
-    return MethodSummary(
-        description=(
-            f"the honest filter, through the outage less what {spec.type.upper()} predicts "
-            f"({spec.acts_on}, inputs {', '.join(spec.inputs)})"
-        ),
-        regime="online" if spec.trained is None else "other-drives",
-        notes=tuple(notes),
-    )

@@ -1,0 +1,114 @@
+"""What a run tells its report: the drive, the methods, and what was estimated from what."""
+
+import math
+import shlex
+from collections.abc import Mapping
+from pathlib import Path
+
+import pandas as pd
+
+from navlearn.experiment.drive import Drive
+from navlearn.outages.replay import Replay
+from navlearn.outages.run_summary import DriveSummary, MethodSummary, RunSummary
+from navlearn.outages.track import driven, track_of
+from navlearn.recipe import Recipe
+from navlearn.recipe.document import BASELINES
+from navlearn.recipe.spec import ModelSpec
+
+DESCRIPTIONS = {
+    "dead_reckoning": "last fix, last course, bias of the last two minutes; then mechanization",
+    "ekf_plain": "the filter without a gyro bias state, what papers often compare with",
+    "ekf": "the honest filter: position, azimuth, gyro bias, odometer scale; tuned, gated",
+}
+
+
+def run_summary(
+    recipe: Recipe, drive: Drive, found: Replay, versions: Mapping[str, str], folder: Path
+) -> RunSummary:
+    """Return everything that the report of a run tells.
+
+    Args:
+        recipe: The recipe.
+        drive: Its drive.
+        found: What came of its outages.
+        versions: Of navlearn and what it stands on.
+        folder: The run's folder.
+    """
+    return RunSummary(
+        title=recipe.name,
+        question=recipe.question,
+        drives=(_drive_summary(drive),),
+        protocol=recipe.outages.protocol(),
+        methods={
+            name: MethodSummary(description=DESCRIPTIONS[name])
+            if name in BASELINES
+            else _learned_summary(recipe.model(name), found)
+            for name in recipe.methods
+        },
+        rows=found.rows,
+        command=f"navlearn run {shlex.quote(str(folder / 'recipe.yaml'))} --out NEW_FOLDER",
+        versions=versions,
+        seeds={"recipe": recipe.seed, **{spec.name: spec.seed for spec in recipe.models}},
+        baselines=tuple(name for name in ("ekf", "ekf_plain") if name in recipe.methods),
+        setup=_setup(recipe, drive),
+    )
+
+
+def _drive_summary(drive: Drive) -> DriveSummary:
+    log = drive.log
+    truth = "truth" if log.metadata.is_truth else "reference"
+    return DriveSummary(
+        name=log.metadata.name,
+        source=log.metadata.source,
+        duration=log.duration,
+        distance=float(driven(track_of(log))[-1]),
+        placement=drive.placement,
+        license=log.metadata.license,
+        judged_by="fixes" if log.reference is None else truth,
+    )
+
+
+def _setup(recipe: Recipe, drive: Drive) -> tuple[str, ...]:
+    mechanization, training = recipe.mechanization, recipe.training
+    stated = sorted({**recipe.filter, **recipe.filter.get("noise", {})}.keys() - {"noise"})
+    told = f"but for {', '.join(stated)}, which the recipe states" if stated else "throughout"
+    lines = [
+        f"mechanization: {mechanization.dims}D, {mechanization.rate_hz:g} Hz",
+        f"filter: the package's defaults {told}; the same for every method",
+        *drive.notes,
+    ]
+    if any(spec.trained is None for spec in recipe.models):
+        past = "whole past" if training.window_s is None else f"last {training.window_s:g} s"
+        lines.append(
+            f"training: for each outage anew on its drive's {past}, on outages of "
+            f"{training.horizon_s:g} s emulated every {training.restart_every_s:g} s, in steps of "
+            f"{training.step_s:g} s: the first 60 % of the time to fit, the next 20 % to stop by, "
+            "the last 20 % for the gate; what passes is fitted once more on all of it"
+        )
+    return tuple(lines)
+
+
+def _learned_summary(spec: ModelSpec, found: Replay) -> MethodSummary:
+    mine = [one.notes for (name, _), one in found.solutions.items() if name == spec.name]
+    used = sum(bool(notes.get("used")) for notes in mine)
+    gains = [
+        float(str(notes["gate_improvement_percent"]))
+        for notes in mine
+        if "gate_improvement_percent" in notes
+    ]
+    known = [gain for gain in gains if math.isfinite(gain)]
+    why = "the gate let it act" if spec.safeguard.gate else "without a gate it acted"
+    notes = [f"{why} in {used} of {len(mine)} outages"]
+    if known:
+        middle = float(pd.Series(known).median())
+        notes.append(f"median improvement on the gate's emulated outages {middle:+.1f} %")
+    unfitted = {str(one["reason"]) for one in mine if "gate_replays" not in one}
+    notes += [f"could not be fitted: {reason}" for reason in sorted(unfitted)]
+    return MethodSummary(
+        description=(
+            f"the honest filter, through the outage less what {spec.type.upper()} predicts "
+            f"({spec.acts_on}, inputs {', '.join(spec.inputs)})"
+        ),
+        regime="online" if spec.trained is None else "other-drives",
+        notes=tuple(notes),
+    )
