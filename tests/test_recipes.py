@@ -37,8 +37,6 @@ def test_there_is_something_to_open() -> None:
     assert DESCRIPTORS
 
 
-# ekf_plain is meant to be wrong about its gyro, and the filter says so.
-@pytest.mark.filterwarnings("ignore:filter. .*NIS:UserWarning")
 @pytest.mark.parametrize("folder", ["training", "models", "datasets"])
 def test_folders_hold_only_what_belongs_there(folder: str) -> None:
     allowed = {".yaml", ".md", ".py", ".pt", ".csv", ".gz", ".json"}
@@ -84,6 +82,8 @@ def test_descriptor_parses(path: Path) -> None:
     assert descriptor.name == path.stem
 
 
+# ekf_plain is meant to be wrong about its gyro, and the filter says so.
+@pytest.mark.filterwarnings("ignore:filter. .*NIS:UserWarning")
 @named(RECIPES)
 def test_recipe_runs_one_step(path: Path, tmp_path: Path) -> None:
     recipe = cut_to_one_step(load_recipe(path))
