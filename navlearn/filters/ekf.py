@@ -51,6 +51,36 @@ def propagated(covariance: Tensor, transition: Tensor, noise: Tensor) -> Tensor:
     return symmetrized(transition @ covariance @ transition.transpose(-1, -2) + noise)
 
 
+def projected(covariance: Tensor, observation: Tensor) -> tuple[Tensor, Tensor]:
+    """Return what a covariance means for the predicted measurement.
+
+    Args:
+        covariance: P, shape (..., n, n).
+        observation: H, shape (..., r, n).
+
+    Returns:
+        H P, shape (..., r, n), and H P Hᵀ, symmetric, shape (..., r, r).
+    """
+    cross = observation @ covariance
+    return cross, symmetrized(cross @ observation.transpose(-1, -2))
+
+
+def gain_of_projected(cross: Tensor, spread: Tensor, variance: Tensor) -> Tensor:
+    """Return the gain K = P Hᵀ (H P Hᵀ + R)⁻¹ of what :func:`projected` returns.
+
+    Args:
+        cross: H P, shape (..., r, n).
+        spread: H P Hᵀ, shape (..., r, r).
+        variance: Diagonal of R, shape (..., r).
+
+    Returns:
+        Gain, shape (..., n, r).
+    """
+    # _ex raises nothing here: a matrix that is not positive shows as NaN, found at the door
+    factor = torch.linalg.cholesky_ex(spread + torch.diag_embed(variance))[0]
+    return torch.cholesky_solve(cross, factor).transpose(-1, -2)
+
+
 def kalman_gain(covariance: Tensor, observation: Tensor, variance: Tensor) -> Tensor:
     """Return the gain K = P Hᵀ (H P Hᵀ + R)⁻¹.
 
@@ -62,11 +92,8 @@ def kalman_gain(covariance: Tensor, observation: Tensor, variance: Tensor) -> Te
     Returns:
         Gain, shape (..., n, r).
     """
-    cross = observation @ covariance
-    spread = symmetrized(cross @ observation.transpose(-1, -2)) + torch.diag_embed(variance)
-    # _ex raises nothing here: a matrix that is not positive shows as NaN, found at the door
-    factor = torch.linalg.cholesky_ex(spread)[0]
-    return torch.cholesky_solve(cross, factor).transpose(-1, -2)
+    cross, spread = projected(covariance, observation)
+    return gain_of_projected(cross, spread, variance)
 
 
 def joseph(covariance: Tensor, observation: Tensor, variance: Tensor, gain: Tensor) -> Tensor:
@@ -104,6 +131,24 @@ def update(
         Correction, covariance and gain.
     """
     gain = kalman_gain(covariance, observation, variance)
+    return corrected(covariance, observation, variance, innovation, gain)
+
+
+def corrected(
+    covariance: Tensor, observation: Tensor, variance: Tensor, innovation: Tensor, gain: Tensor
+) -> Corrected:
+    """Return correction and covariance of one update with any gain.
+
+    Args:
+        covariance: P before the update, shape (..., n, n).
+        observation: H, shape (..., r, n).
+        variance: Diagonal of R, shape (..., r).
+        innovation: Measured minus predicted, shape (..., r).
+        gain: K, shape (..., n, r).
+
+    Returns:
+        Correction, covariance and gain.
+    """
     correction = (gain @ innovation.unsqueeze(-1)).squeeze(-1)
     return Corrected(correction, joseph(covariance, observation, variance, gain), gain)
 

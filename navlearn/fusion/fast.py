@@ -18,6 +18,7 @@ import torch
 from torch import Tensor
 
 from navlearn.filters.belief import Belief
+from navlearn.filters.ekf import projected
 from navlearn.filters.scan import Filtered, LinearSteps, filter_in_parallel
 from navlearn.fusion.error_state import position_difference
 from navlearn.fusion.filter_model import (
@@ -121,7 +122,8 @@ def linearised_pass(
         told = (found.observation @ filtered.prior_mean.unsqueeze(-1)).squeeze(-1)
         innovation = found.innovation - told
         # a reset opens the covariance after the gate has judged
-        nis = nis_by_kind(model, found, innovation, filtered.prior_covariance - extra)
+        _, spread = projected(filtered.prior_covariance - extra, found.observation)
+        nis = nis_by_kind(model, found, innovation, spread)
         new = judged_over_time(model, nis, found.present, start.refused)
         rounds -= 1
         if rounds <= 0 or bool((new.verdict == verdict).all()):

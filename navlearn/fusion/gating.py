@@ -6,7 +6,6 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from navlearn.filters.ekf import symmetrized
 from navlearn.fusion.filter_model import FilterModel
 from navlearn.fusion.measurements import Kind, Rows, Verdict
 from navlearn.fusion.updates import Measured
@@ -27,7 +26,7 @@ class Judged(NamedTuple):
 
 
 def nis_by_kind(
-    model: FilterModel, measured: Measured, innovation: Tensor, covariance: Tensor
+    model: FilterModel, measured: Measured, innovation: Tensor, spread: Tensor
 ) -> Tensor:
     """Return the NIS of each kind against the prediction.
 
@@ -35,15 +34,14 @@ def nis_by_kind(
         model: The filter.
         measured: What is measured, shape (...).
         innovation: Measured minus predicted, shape (..., r).
-        covariance: Covariance of the prediction, shape (..., n, n).
+        spread: H P Hᵀ of the prediction's covariance P, shape (..., r, r).
 
     Returns:
         NIS, zero where nothing is measured, shape (..., 5).
     """
     owner, together = _owner(model.rows, innovation.dtype, innovation.device)
-    H = measured.observation
-    spread = symmetrized(H @ covariance @ H.transpose(-1, -2)) * together
-    factor = torch.linalg.cholesky_ex(spread + torch.diag_embed(measured.variance))[0]
+    total = spread * together + torch.diag_embed(measured.variance)
+    factor = torch.linalg.cholesky_ex(total)[0]
     white = torch.linalg.solve_triangular(factor, innovation.unsqueeze(-1), upper=False)
     nis: Tensor = (white * white).squeeze(-1) @ owner
     return nis

@@ -13,7 +13,14 @@ import torch
 from torch import Tensor
 
 from navlearn.filters.belief import Belief
-from navlearn.filters.ekf import propagated, update
+from navlearn.filters.ekf import (
+    Corrected,
+    corrected,
+    gain_of_projected,
+    projected,
+    propagated,
+    update,
+)
 from navlearn.fusion.block_motion import move_block
 from navlearn.fusion.filter_model import FilterModel, fed_back, predict_blocks
 from navlearn.fusion.gating import Judged, judged, nis_by_kind, opened, taken
@@ -22,7 +29,7 @@ from navlearn.fusion.measurements import Verdict
 from navlearn.fusion.noise import EkfNoise
 from navlearn.fusion.shen_transition import move_offset
 from navlearn.fusion.timeline import Timeline, trajectory_of_blocks
-from navlearn.fusion.updates import Occasion, measured
+from navlearn.fusion.updates import Measured, Occasion, measured
 from navlearn.states import NavState, RissSample, Trajectory
 
 
@@ -115,15 +122,16 @@ def end_block(
     innovation = found.innovation
     if not model.closed:
         innovation = innovation - (found.observation @ deviation.unsqueeze(-1)).squeeze(-1)
-    nis = nis_by_kind(model, found, innovation, point.covariance)
-    verdict = judged(model, nis, found.present, point.refused)
-    used = taken(model, found._replace(innovation=innovation), verdict.verdict)
-    covariance = point.covariance
-    if bool((verdict.verdict == int(Verdict.ACCEPTED_BY_RESET)).any()):
-        covariance = covariance + torch.diag_embed(
-            opened(model, verdict.verdict, found, innovation)
-        )
-    new = update(covariance, used.observation, used.variance, used.innovation)
+    cross, spread = projected(point.covariance, found.observation)
+    verdict = judged(
+        model, nis_by_kind(model, found, innovation, spread), found.present, point.refused
+    )
+    found = found._replace(innovation=innovation)
+    if bool((verdict.verdict > int(Verdict.ACCEPTED)).any()):
+        new = _corrected_with_refusals(model, point, found, verdict.verdict)
+    else:
+        gain = gain_of_projected(cross, spread, found.variance)
+        new = corrected(point.covariance, found.observation, found.variance, innovation, gain)
     point = point._replace(covariance=new.covariance, refused=verdict.refused)
     there = model.rows.spread(found.present) > 0.5
     shown = torch.where(there, innovation, torch.nan)
@@ -133,6 +141,15 @@ def end_block(
     deviation = deviation + new.correction
     belief = fed_back(model, point, deviation, occasion.end)
     return Carried(point, deviation), Ended(prior, belief, shown, verdict, deviation)
+
+
+def _corrected_with_refusals(
+    model: FilterModel, point: Belief, found: Measured, verdict: Tensor
+) -> Corrected:
+    used, covariance = taken(model, found, verdict), point.covariance
+    if bool((verdict == int(Verdict.ACCEPTED_BY_RESET)).any()):
+        covariance = covariance + torch.diag_embed(opened(model, verdict, found, found.innovation))
+    return update(covariance, used.observation, used.variance, used.innovation)
 
 
 def run_loop(

@@ -17,11 +17,11 @@ from navlearn.fusion.noise import EkfNoise
 from navlearn.fusion.sensor_errors import SensorErrors, decay_over, decaying, gyro_regressor
 from navlearn.states import RissSample
 
-# Cholesky factor of the 3 by 3 Hilbert matrix: ∫ xᵃ xᵇ dx over [0, 1]
+# transposed Cholesky factor of the 3 by 3 Hilbert matrix: ∫ xᵃ xᵇ dx over [0, 1]
 _HILBERT = (
-    (1.0,),
-    (0.5, math.sqrt(1.0 / 12.0)),
-    (1.0 / 3.0, math.sqrt(1.0 / 12.0), math.sqrt(1.0 / 180.0)),
+    (1.0, 0.5, 1.0 / 3.0),
+    (0.0, math.sqrt(1.0 / 12.0), math.sqrt(1.0 / 12.0)),
+    (0.0, 0.0, math.sqrt(1.0 / 180.0)),
 )
 
 
@@ -222,31 +222,32 @@ def _noise(
     m = len(columns.azimuth)
     top = torch.nn.functional.pad(torch.stack(entries, -1).reshape(*zero.shape, 4, 4), (0, m, 0, m))
     root = _sensor_noise_root(errors, columns, duration, noise)
-    return top if root is None else top + root @ root.transpose(-1, -2)
+    return top if root is None else top + root.transpose(-1, -2) @ root
 
 
 def _sensor_noise_root(
     errors: SensorErrors, columns: _SensorColumns, duration: Tensor, noise: EkfNoise
 ) -> Tensor | None:
-    """Return a root of the covariance that walking sensor errors leave, shape (..., n, 3 j).
+    """Return a root of the covariance that walking sensor errors leave, shape (..., 3 j, n).
 
     Their effect after the share x of the block that is still ahead is e + x c₁ + x² c₂.
     """
-    densities = walk_densities(errors, noise)
-    zero, one = torch.zeros_like(duration), torch.ones_like(duration)
-    m = len(densities)
-    roots: list[Tensor] = []
-    for j, density in enumerate(densities):
-        if density is None:
-            continue
-        unit = torch.stack([zero] * (4 + j) + [one] + [zero] * (m - 1 - j), -1)
-        line = torch.stack([*columns.direct[j], columns.azimuth[j]] + [zero] * m, -1)
-        bow = torch.stack([*columns.by_turn[j]] + [zero] * (2 + m), -1)
-        size = (density * torch.sqrt(duration.clamp(min=1e-300))).unsqueeze(-1)
-        parts = (unit * size, line * size, bow * size)
-        for a in range(3):
-            roots.append(sum((_HILBERT[b][a] * parts[b] for b in range(a, 3)), torch.zeros(())))
-    return torch.stack(roots, -1) if roots else None
+    walks = [(j, d) for j, d in enumerate(walk_densities(errors, noise)) if d is not None]
+    if not walks:
+        return None
+    zero = torch.zeros_like(duration)
+    m = len(columns.azimuth)
+    entries: list[Tensor] = []
+    for j, _ in walks:
+        entries += [*columns.direct[j], columns.azimuth[j], *columns.by_turn[j], zero, zero]
+    effects = torch.stack(entries, -1).reshape(*zero.shape, len(walks), 2, 4)
+    unit = torch.eye(4 + m, dtype=zero.dtype, device=zero.device)[[4 + j for j, _ in walks]]
+    units = unit.unsqueeze(-2).expand(*zero.shape, len(walks), 1, 4 + m)
+    powers = torch.cat((units, torch.nn.functional.pad(effects, (0, m))), -2)
+    length = torch.sqrt(duration.clamp(min=1e-300)).unsqueeze(-1)
+    size = (torch.stack([d for _, d in walks]) * length).unsqueeze(-1).unsqueeze(-1)
+    hilbert = torch.tensor(_HILBERT, dtype=zero.dtype, device=zero.device)
+    return (size * (hilbert @ powers)).flatten(-3, -2)
 
 
 def walk_densities(errors: SensorErrors, noise: EkfNoise) -> list[Tensor | None]:

@@ -108,7 +108,12 @@ def measured(
     zero = torch.zeros_like(belief.state.lat)
     present = [zero] * len(Kind)
     innovations, observations, variances = [], [], []
-    for kind in model.rows.kinds:
+    for kind, rows in zip(model.rows.kinds, model.rows.count, strict=True):
+        if not bool(_possible(model, occasion, kind).any()):
+            innovations.append(zero.unsqueeze(-1).expand(*zero.shape, rows))
+            variances.append(torch.ones_like(innovations[-1]))
+            observations.append(zero[..., None, None].expand(*zero.shape, rows, model.layout.size))
+            continue
         part = build[kind](scene)
         there = (part.present > 0.5).unsqueeze(-1)
         innovations.append(torch.where(there, part.innovation, 0.0))
@@ -121,6 +126,14 @@ def measured(
         torch.cat(variances, -1),
         torch.stack(present, -1),
     )
+
+
+def _possible(model: MeasurementModel, occasion: Occasion, kind: Kind) -> Tensor:
+    if kind == Kind.POSITION:
+        return occasion.fix.has_position > 0.5
+    if kind in (Kind.VELOCITY, Kind.COURSE):
+        return occasion.fix.has_velocity > 0.5
+    return occasion.rest.duration >= model.standstill
 
 
 class _Arm(NamedTuple):
