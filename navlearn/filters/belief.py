@@ -1,5 +1,6 @@
 """What a navigation filter believes between two steps: an estimate and its covariance."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 from torch import Tensor
@@ -30,3 +31,16 @@ class Belief(NamedTuple):
     covariance: Tensor
     anchor: Tensor
     refused: Tensor
+
+
+def map_belief(belief: Belief, function: Callable[[Tensor], Tensor]) -> Belief:
+    """Return a belief with a function applied to every tensor.
+
+    Args:
+        belief: Belief.
+        function: What to do with each tensor.
+
+    Returns:
+        Belief.
+    """
+    return Belief(NavState(*map(function, belief.state)), *map(function, belief[1:]))

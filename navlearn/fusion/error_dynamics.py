@@ -12,9 +12,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from navlearn.fusion.noise import EkfNoise
+from navlearn.fusion.noise import EkfNoise, azimuth_density, walk_densities
 from navlearn.fusion.sensor_errors import SensorErrors, decaying, gyro_regressor
-from navlearn.fusion.transition import azimuth_density, walk_densities
 from navlearn.mechanization.motion import RissMotion
 from navlearn.states import RissSample
 

@@ -11,32 +11,20 @@ Gradients: converge without, then two passes with; the first of them carries wha
 the states, the second also what the states do to the linearisation.
 """
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
-from navlearn.filters.belief import Belief
-from navlearn.filters.ekf import projected
-from navlearn.filters.scan import Filtered, LinearSteps, filter_in_parallel
+from navlearn.filters.belief import Belief, map_belief
 from navlearn.fusion.error_state import position_difference
-from navlearn.fusion.filter_model import (
-    FilterModel,
-    Prediction,
-    difference,
-    fed_back,
-    predict_blocks,
-)
+from navlearn.fusion.fast_pass import Pass, beliefs_of, linearised_pass
+from navlearn.fusion.filter_model import FilterModel
 from navlearn.fusion.first_guess import first_guess
-from navlearn.fusion.gating import Judged, limits_by_kind, nis_by_kind, opened, taken
 from navlearn.fusion.history import FilterHistory
-from navlearn.fusion.measurements import Verdict
 from navlearn.fusion.noise import EkfNoise
-from navlearn.fusion.recursion import Ended, history, path_in_blocks, starts_of_blocks
+from navlearn.fusion.record import Ended, history, path_in_blocks, starts_of_blocks
 from navlearn.fusion.timeline import Timeline
-from navlearn.fusion.updates import Measured, measured
-from navlearn.states import NavState
 
 MOST_PASSES = 20
 """Passes after which the fast form gives up."""
@@ -49,183 +37,6 @@ ROUGHLY = 0.5
 
 TRUSTED = 20.0
 """Largest move in a pass, m, after which the gate's verdicts are taken over."""
-
-
-class Pass(NamedTuple):
-    """One pass over all blocks.
-
-    Attributes:
-        begin: Beliefs at which blocks were linearised, batch shape (B, K).
-        ahead: Their prediction.
-        end: Beliefs at the blocks' ends as predicted, batch shape (B, K).
-        found: What is measured there.
-        filtered: The linear filter's deviations from ``end``.
-        innovation: Measured minus predicted by the filter, shape (B, K, r).
-        judged: The gate's verdicts on these innovations.
-        used: The verdicts that were used to get there, shape (B, K, 5).
-    """
-
-    begin: Belief
-    ahead: Prediction
-    end: Belief
-    found: Measured
-    filtered: Filtered
-    innovation: Tensor
-    judged: Judged
-    used: Tensor
-
-
-def linearised_pass(
-    model: FilterModel,
-    start: Belief,
-    begin: Belief,
-    line: Timeline,
-    noise: EkfNoise,
-    verdict: Tensor | None,
-    rounds: int,
-) -> Pass:
-    """Run one pass.
-
-    Args:
-        model: The filter.
-        start: Belief before the first sample, batch shape (B,).
-        begin: Guess of the beliefs at which blocks start, batch shape (B, K).
-        line: The drives in blocks.
-        noise: Noise densities and deviations.
-        verdict: The gate's verdicts to use, shape (B, K, 5); None believes everything.
-        rounds: How often at most verdicts are renewed within the pass.
-
-    Returns:
-        The pass.
-    """
-    ahead = predict_blocks(model, begin, line.samples, line.acceleration, noise)
-    end = begin._replace(
-        state=ahead.state, sensor=ahead.sensor, velocity_offset=ahead.velocity_offset
-    )
-    found = measured(model.measurement, end, line.occasion, noise)
-    transition, q = ahead.linearised
-    shift = _shift(model, begin, end, line, transition)
-    zero = torch.zeros_like(start.covariance[..., 0])
-    if verdict is None:
-        verdict = (found.present > 0.5).to(torch.int64) * int(Verdict.ACCEPTED)
-    innovation = found.innovation
-    while True:
-        used = taken(model, found, verdict)
-        total, extra = q, torch.zeros_like(q)
-        if bool((verdict == int(Verdict.ACCEPTED_BY_RESET)).any()):
-            extra = torch.diag_embed(opened(model, verdict, found, innovation))
-            total = q + extra
-        steps = LinearSteps(
-            transition, shift, total, used.observation, used.variance, used.innovation
-        )
-        filtered = filter_in_parallel(zero, start.covariance, steps)
-        told = (found.observation @ filtered.prior_mean.unsqueeze(-1)).squeeze(-1)
-        innovation = found.innovation - told
-        # a reset opens the covariance after the gate has judged
-        _, spread = projected(filtered.prior_covariance - extra, found.observation)
-        nis = nis_by_kind(model, found, innovation, spread)
-        new = judged_over_time(model, nis, found.present, start.refused)
-        rounds -= 1
-        if rounds <= 0 or bool((new.verdict == verdict).all()):
-            return Pass(begin, ahead, end, found, filtered, innovation, new, verdict)
-        verdict = new.verdict
-
-
-def _shift(
-    model: FilterModel, begin: Belief, end: Belief, line: Timeline, transition: Tensor
-) -> Tensor:
-    """Return by how much a block's prediction moves because the one before ends elsewhere."""
-
-    def before(x: Tensor) -> Tensor:
-        return x[:, :-1]
-
-    def after(x: Tensor) -> Tensor:
-        return x[:, 1:]
-
-    last = type(line.occasion.end)(
-        type(line.occasion.end.sample)(*map(before, line.occasion.end.sample)),
-        before(line.occasion.end.acceleration),
-    )
-    gap = difference(model, _each(end, before), _each(begin, after), last)
-    gap = torch.nn.functional.pad(gap, (0, 0, 1, 0))
-    return (transition @ gap.unsqueeze(-1)).squeeze(-1)
-
-
-def _each(belief: Belief, function: Callable[[Tensor], Tensor]) -> Belief:
-    return Belief(NavState(*map(function, belief.state)), *map(function, belief[1:]))
-
-
-def judged_over_time(model: FilterModel, nis: Tensor, present: Tensor, refused: Tensor) -> Judged:
-    """Return which kinds pass the gate at every block.
-
-    Args:
-        model: The filter.
-        nis: NIS of each kind, shape (B, K, 5).
-        present: 1.0 where a kind is measured, shape (B, K, 5).
-        refused: Consecutive refusals before the first block, shape (B, 5).
-
-    Returns:
-        Verdicts and the refusals after each block.
-    """
-    there = present > 0.5
-    beyond = there & ~(nis.detach() <= limits_by_kind(model, nis))
-    verdict = there.to(torch.int64) * int(Verdict.ACCEPTED)
-    count = torch.zeros_like(nis)
-    odd = beyond.any(1) | (refused > 0.5)
-    for b, kind in odd.nonzero().tolist():
-        column, counts = _judged_column(
-            beyond[b, :, kind].tolist(),
-            there[b, :, kind].tolist(),
-            float(refused[b, kind]),
-            model.options.gate.reset_after,
-        )
-        verdict[b, :, kind] = torch.tensor(column, device=verdict.device)
-        count[b, :, kind] = torch.tensor(counts, dtype=count.dtype, device=count.device)
-    return Judged(torch.where(there, nis, torch.nan), verdict, count)
-
-
-def _judged_column(
-    beyond: list[bool], there: list[bool], refused: float, reset_after: int
-) -> tuple[list[int], list[float]]:
-    verdicts, counts = [], []
-    for wild, seen in zip(beyond, there, strict=True):
-        verdict = Verdict.ABSENT
-        if seen:
-            verdict = Verdict.ACCEPTED
-            if wild and refused < reset_after:
-                verdict = Verdict.REFUSED_BY_GATE
-            elif wild:
-                verdict = Verdict.ACCEPTED_BY_RESET
-            refused = refused + 1.0 if verdict == Verdict.REFUSED_BY_GATE else 0.0
-        verdicts.append(int(verdict))
-        counts.append(refused)
-    return verdicts, counts
-
-
-def beliefs_of(model: FilterModel, start: Belief, line: Timeline, done: Pass) -> Ended:
-    """Return every block's end as a pass has it.
-
-    Args:
-        model: The filter.
-        start: Belief before the first sample, batch shape (B,).
-        line: The drives in blocks.
-        done: The pass.
-
-    Returns:
-        Record, batch shape (B, K).
-    """
-    found, filtered, occasion = done.found, done.filtered, line.occasion
-    prior = fed_back(model, done.end, filtered.prior_mean, occasion.end)
-    after = fed_back(model, done.end, filtered.mean, occasion.end)
-    before = torch.cat((start.refused.unsqueeze(1), done.judged.refused[:, :-1]), 1)
-    there = model.rows.spread(found.present) > 0.5
-    return Ended(
-        prior._replace(covariance=filtered.prior_covariance, refused=before),
-        after._replace(covariance=filtered.covariance, refused=done.judged.refused),
-        torch.where(there, done.innovation, torch.nan),
-        done.judged,
-        filtered.mean if not model.closed else torch.zeros_like(filtered.mean),
-    )
 
 
 def run_fast(
@@ -259,7 +70,7 @@ def run_fast(
         if settled:
             path = path_in_blocks(model, start, record.belief, line)
             return history(line, record, path, "fast", passes)
-        begin = _each(starts_of_blocks(start, record.belief), Tensor.detach)
+        begin = map_belief(starts_of_blocks(start, record.belief), Tensor.detach)
     return None
 
 

@@ -100,6 +100,53 @@ def judged(model: FilterModel, nis: Tensor, present: Tensor, refused: Tensor) ->
     return Judged(torch.where(there, nis, torch.nan), verdict, count)
 
 
+def judged_over_time(model: FilterModel, nis: Tensor, present: Tensor, refused: Tensor) -> Judged:
+    """Return which kinds pass the gate at every block.
+
+    Args:
+        model: The filter.
+        nis: NIS of each kind, shape (B, K, 5).
+        present: 1.0 where a kind is measured, shape (B, K, 5).
+        refused: Consecutive refusals before the first block, shape (B, 5).
+
+    Returns:
+        Verdicts and the refusals after each block.
+    """
+    there = present > 0.5
+    beyond = there & ~(nis.detach() <= limits_by_kind(model, nis))
+    verdict = there.to(torch.int64) * int(Verdict.ACCEPTED)
+    count = torch.zeros_like(nis)
+    odd = beyond.any(1) | (refused > 0.5)
+    for b, kind in odd.nonzero().tolist():
+        column, counts = _judged_column(
+            beyond[b, :, kind].tolist(),
+            there[b, :, kind].tolist(),
+            float(refused[b, kind]),
+            model.options.gate.reset_after,
+        )
+        verdict[b, :, kind] = torch.tensor(column, device=verdict.device)
+        count[b, :, kind] = torch.tensor(counts, dtype=count.dtype, device=count.device)
+    return Judged(torch.where(there, nis, torch.nan), verdict, count)
+
+
+def _judged_column(
+    beyond: list[bool], there: list[bool], refused: float, reset_after: int
+) -> tuple[list[int], list[float]]:
+    verdicts, counts = [], []
+    for wild, seen in zip(beyond, there, strict=True):
+        verdict = Verdict.ABSENT
+        if seen:
+            verdict = Verdict.ACCEPTED
+            if wild and refused < reset_after:
+                verdict = Verdict.REFUSED_BY_GATE
+            elif wild:
+                verdict = Verdict.ACCEPTED_BY_RESET
+            refused = refused + 1.0 if verdict == Verdict.REFUSED_BY_GATE else 0.0
+        verdicts.append(int(verdict))
+        counts.append(refused)
+    return verdicts, counts
+
+
 def taken(model: FilterModel, measured: Measured, verdict: Tensor) -> Measured:
     """Return measurements with the refused ones blanked out.
 

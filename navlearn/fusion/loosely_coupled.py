@@ -5,7 +5,6 @@ sample and is the oracle; ``exact`` loops over the blocks between updates and co
 of each at once; ``fast`` solves for all blocks at once and iterates.
 """
 
-from collections.abc import Callable
 from typing import Literal
 
 import torch
@@ -13,6 +12,7 @@ from torch import Tensor, nn
 
 from navlearn.errors import ConfigError, ShapeError
 from navlearn.filters.belief import Belief
+from navlearn.filters.belief import map_belief as map_belief
 from navlearn.fusion.checks import check_history, check_inputs
 from navlearn.fusion.fast import run_fast
 from navlearn.fusion.filter_model import filter_model
@@ -25,7 +25,7 @@ from navlearn.fusion.sequential import predict_in_turn, predict_sample
 from navlearn.fusion.standstill import Rest
 from navlearn.fusion.timeline import timeline
 from navlearn.fusion.updates import Occasion
-from navlearn.states import FixTiming, GnssFix, NavState, RissSample, Trajectory
+from navlearn.states import FixTiming, GnssFix, RissSample, Trajectory
 
 Method = Literal["exact", "fast", "sequential"]
 
@@ -173,19 +173,6 @@ class LooselyCoupledEkf(nn.Module):
                 f"{self.options.speed_states} needs the forward acceleration; pass acceleration="
             )
         return torch.zeros_like(sample.dt)
-
-
-def map_belief(belief: Belief, function: Callable[[Tensor], Tensor]) -> Belief:
-    """Return a belief with a function applied to every tensor.
-
-    Args:
-        belief: Belief.
-        function: What to do with each tensor.
-
-    Returns:
-        Belief.
-    """
-    return Belief(NavState(*map(function, belief.state)), *map(function, belief[1:]))
 
 
 def _unsqueezed(x: Tensor) -> Tensor:

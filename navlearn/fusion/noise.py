@@ -6,6 +6,8 @@ import torch
 from torch import Tensor
 
 from navlearn.fusion.options import NoiseOptions
+from navlearn.fusion.sensor_errors import SensorErrors
+from navlearn.states import RissSample
 
 
 class EkfNoise(NamedTuple):
@@ -56,3 +58,39 @@ def noise_from_log(log: Tensor) -> EkfNoise:
         Noise entries.
     """
     return EkfNoise(*torch.exp(log).unbind(-1))
+
+
+def azimuth_density(samples: RissSample, noise: EkfNoise) -> Tensor:
+    """Return the spectral density of azimuth noise, more in turns.
+
+    Args:
+        samples: Samples, shape (...) each.
+        noise: Noise densities.
+
+    Returns:
+        Density, rad²/s, shape (...).
+    """
+    turning = noise.turn_noise * samples.yaw_rate
+    return noise.gyro_random_walk**2 + turning * turning
+
+
+def walk_densities(errors: SensorErrors, noise: EkfNoise) -> list[Tensor | None]:
+    """Return the random-walk density of each sensor parameter; None where it has none.
+
+    Args:
+        errors: Sensor parameters of the filter.
+        noise: Noise densities.
+
+    Returns:
+        One entry per sensor parameter, its unit per √s.
+    """
+    if errors.velocity_states:
+        return [noise.acceleration_walk, noise.gyro_bias_walk]
+    walks: list[Tensor | None] = []
+    for term in errors.gyro_terms:
+        walks.append(noise.gyro_bias_walk if term == "bias" else None)
+    for term in errors.speed_terms:
+        walks.append(noise.speed_scale_walk if term == "scale" else None)
+    if errors.pitch_bias:
+        walks.append(noise.pitch_bias_walk)
+    return walks

@@ -11,9 +11,9 @@ from torch import Tensor
 
 from navlearn.fusion.block_motion import BlockMotion
 from navlearn.fusion.error_dynamics import ShenTerms, shen_dynamics, shen_terms
-from navlearn.fusion.noise import EkfNoise
+from navlearn.fusion.noise import EkfNoise, azimuth_density
 from navlearn.fusion.sensor_errors import SensorErrors, decay_over
-from navlearn.fusion.transition import Linearised, azimuth_density
+from navlearn.fusion.transition import Linearised
 from navlearn.states import RissSample
 
 SUB_STEPS = 10

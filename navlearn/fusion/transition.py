@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from navlearn.fusion.block_motion import BlockMotion
-from navlearn.fusion.noise import EkfNoise
+from navlearn.fusion.noise import EkfNoise, azimuth_density, walk_densities
 from navlearn.fusion.sensor_errors import SensorErrors, decay_over, decaying, gyro_regressor
 from navlearn.states import RissSample
 
@@ -182,20 +182,6 @@ def _kept(errors: SensorErrors, duration: Tensor, n: int) -> Tensor:
     return torch.where(returning.to(duration.device), left, kept)
 
 
-def azimuth_density(samples: RissSample, noise: EkfNoise) -> Tensor:
-    """Return the spectral density of azimuth noise, more in turns.
-
-    Args:
-        samples: Samples, shape (...) each.
-        noise: Noise densities.
-
-    Returns:
-        Density, rad²/s, shape (...).
-    """
-    turning = noise.turn_noise * samples.yaw_rate
-    return noise.gyro_random_walk**2 + turning * turning
-
-
 def _noise(
     errors: SensorErrors,
     moved: BlockMotion,
@@ -248,25 +234,3 @@ def _sensor_noise_root(
     size = (torch.stack([d for _, d in walks]) * length).unsqueeze(-1).unsqueeze(-1)
     hilbert = torch.tensor(_HILBERT, dtype=zero.dtype, device=zero.device)
     return (size * (hilbert @ powers)).flatten(-3, -2)
-
-
-def walk_densities(errors: SensorErrors, noise: EkfNoise) -> list[Tensor | None]:
-    """Return the random-walk density of each sensor parameter; None where it has none.
-
-    Args:
-        errors: Sensor parameters of the filter.
-        noise: Noise densities.
-
-    Returns:
-        One entry per sensor parameter, its unit per √s.
-    """
-    if errors.velocity_states:
-        return [noise.acceleration_walk, noise.gyro_bias_walk]
-    walks: list[Tensor | None] = []
-    for term in errors.gyro_terms:
-        walks.append(noise.gyro_bias_walk if term == "bias" else None)
-    for term in errors.speed_terms:
-        walks.append(noise.speed_scale_walk if term == "scale" else None)
-    if errors.pitch_bias:
-        walks.append(noise.pitch_bias_walk)
-    return walks

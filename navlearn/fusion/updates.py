@@ -10,10 +10,11 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from navlearn.attitude import matrix_from_angles, wrap_angle
+from navlearn.attitude import wrap_angle
 from navlearn.filters.belief import Belief
 from navlearn.fusion.error_state import ErrorLayout, position_difference
 from navlearn.fusion.ground_velocity import BlockEnd, Odometry, ground_velocity, odometry
+from navlearn.fusion.lever_arm import LeverArm, arm_columns, turned_arm
 from navlearn.fusion.measurements import Kind, Rows
 from navlearn.fusion.noise import EkfNoise
 from navlearn.fusion.sensor_errors import SensorErrors
@@ -136,14 +137,6 @@ def _possible(model: MeasurementModel, occasion: Occasion, kind: Kind) -> Tensor
     return occasion.rest.duration >= model.standstill
 
 
-class _Arm(NamedTuple):
-    """Lever arm in ENU (..., 3), and its changes per azimuth and per pitch bias (..., 3)."""
-
-    arm: Tensor
-    by_azimuth: Tensor
-    by_pitch_bias: Tensor
-
-
 class _Scene(NamedTuple):
     """All that a measurement may depend on."""
 
@@ -151,56 +144,36 @@ class _Scene(NamedTuple):
     belief: Belief
     occasion: Occasion
     told: Odometry
-    arm: _Arm | None
+    arm: LeverArm | None
     noise: EkfNoise
 
 
-def _arm(model: MeasurementModel, belief: Belief, occasion: Occasion) -> _Arm | None:
+def _arm(model: MeasurementModel, belief: Belief, occasion: Occasion) -> LeverArm | None:
     if model.lever_arm is None:
         return None
-    sample, azimuth = occasion.end.sample, belief.state.azimuth
-    zero = torch.zeros_like(azimuth)
-    pitch, roll = zero, zero
-    if model.errors.three_d:
-        pitch, roll = sample.pitch, sample.roll
-        if model.errors.pitch_bias:
-            pitch = pitch - belief.sensor[..., -1]
-    C_lb = matrix_from_angles(azimuth, pitch, roll)
-    arm = C_lb @ torch.tensor(model.lever_arm, dtype=zero.dtype, device=zero.device)
-    e, n, u = arm.unbind(-1)
-    sine, cosine = torch.sin(azimuth), torch.cos(azimuth)
-    ahead = e * sine + n * cosine
-    return _Arm(
-        arm, torch.stack((n, -e, zero), -1), torch.stack((u * sine, u * cosine, -ahead), -1)
-    )
+    return turned_arm(model.errors, model.lever_arm, belief, occasion.end.sample)
 
 
 def _position(scene: _Scene) -> _Part:
     model, belief, occasion, told, arm, noise = scene
     fix, lag = occasion.fix, occasion.delay
-    moved = ground_velocity(
-        model.errors, told, belief.state.azimuth, belief.velocity_offset, 0.5 * lag
-    )
     at = NavState(fix.lat, fix.lon, fix.height, belief.state.azimuth)
-    back = lag.unsqueeze(-1)
-    innovation = position_difference(at, belief.state) + back * moved.velocity
-    unit = torch.eye(3, dtype=back.dtype, device=back.device)
-    n = model.layout.size
-    observation = torch.nn.functional.pad(unit, (0, n - 3)) - back.unsqueeze(-1) * moved.by_error
+    innovation = position_difference(at, belief.state)
+    unit = torch.eye(3, dtype=lag.dtype, device=lag.device).expand(*lag.shape, 3, 3)
+    observation = torch.nn.functional.pad(unit, (0, model.layout.size - 3))
+    if lag.requires_grad or bool((lag != 0.0).any()):
+        moved = ground_velocity(
+            model.errors, told, belief.state.azimuth, belief.velocity_offset, 0.5 * lag
+        )
+        back = lag.unsqueeze(-1)
+        innovation = innovation + back * moved.velocity
+        observation = observation - back.unsqueeze(-1) * moved.by_error
     if arm is not None:
         innovation = innovation - arm.arm
-        observation = observation + _arm_columns(model, arm)
+        observation = observation + arm_columns(model.layout, model.errors, arm)
     sigma = torch.stack((fix.std_e, fix.std_n, fix.std_u), -1) * noise.position_inflation
     floor = torch.stack((noise.position_floor, noise.position_floor, noise.height_floor))
     return _Part(innovation, observation, sigma * sigma + floor * floor, fix.has_position)
-
-
-def _arm_columns(model: MeasurementModel, arm: _Arm) -> Tensor:
-    n, azimuth = model.layout.size, model.layout.azimuth
-    columns = torch.nn.functional.pad(arm.by_azimuth.unsqueeze(-1), (azimuth, n - azimuth - 1))
-    if model.errors.pitch_bias:
-        columns = columns + torch.nn.functional.pad(arm.by_pitch_bias.unsqueeze(-1), (n - 1, 0))
-    return columns
 
 
 def _velocity(scene: _Scene) -> _Part:

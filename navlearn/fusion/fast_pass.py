@@ -1,0 +1,149 @@
+"""One pass of the fast form: every block linearised at its guess, one linear filter over all."""
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from navlearn.filters.belief import Belief, map_belief
+from navlearn.filters.ekf import projected
+from navlearn.filters.scan import Filtered, LinearSteps, filter_in_parallel
+from navlearn.fusion.filter_model import (
+    FilterModel,
+    Prediction,
+    difference,
+    fed_back,
+    predict_blocks,
+)
+from navlearn.fusion.gating import Judged, judged_over_time, nis_by_kind, opened, taken
+from navlearn.fusion.measurements import Verdict
+from navlearn.fusion.noise import EkfNoise
+from navlearn.fusion.record import Ended
+from navlearn.fusion.timeline import Timeline
+from navlearn.fusion.updates import Measured, measured
+
+
+class Pass(NamedTuple):
+    """One pass over all blocks.
+
+    Attributes:
+        begin: Beliefs at which blocks were linearised, batch shape (B, K).
+        ahead: Their prediction.
+        end: Beliefs at the blocks' ends as predicted, batch shape (B, K).
+        found: What is measured there.
+        filtered: The linear filter's deviations from ``end``.
+        innovation: Measured minus predicted by the filter, shape (B, K, r).
+        judged: The gate's verdicts on these innovations.
+        used: The verdicts that were used to get there, shape (B, K, 5).
+    """
+
+    begin: Belief
+    ahead: Prediction
+    end: Belief
+    found: Measured
+    filtered: Filtered
+    innovation: Tensor
+    judged: Judged
+    used: Tensor
+
+
+def linearised_pass(
+    model: FilterModel,
+    start: Belief,
+    begin: Belief,
+    line: Timeline,
+    noise: EkfNoise,
+    verdict: Tensor | None,
+    rounds: int,
+) -> Pass:
+    """Run one pass.
+
+    Args:
+        model: The filter.
+        start: Belief before the first sample, batch shape (B,).
+        begin: Guess of the beliefs at which blocks start, batch shape (B, K).
+        line: The drives in blocks.
+        noise: Noise densities and deviations.
+        verdict: The gate's verdicts to use, shape (B, K, 5); None believes everything.
+        rounds: How often at most verdicts are renewed within the pass.
+
+    Returns:
+        The pass.
+    """
+    ahead = predict_blocks(model, begin, line.samples, line.acceleration, noise)
+    end = begin._replace(
+        state=ahead.state, sensor=ahead.sensor, velocity_offset=ahead.velocity_offset
+    )
+    found = measured(model.measurement, end, line.occasion, noise)
+    transition, q = ahead.linearised
+    shift = _shift(model, begin, end, line, transition)
+    zero = torch.zeros_like(start.covariance[..., 0])
+    if verdict is None:
+        verdict = (found.present > 0.5).to(torch.int64) * int(Verdict.ACCEPTED)
+    innovation = found.innovation
+    while True:
+        used = taken(model, found, verdict)
+        total, extra = q, torch.zeros_like(q)
+        if bool((verdict == int(Verdict.ACCEPTED_BY_RESET)).any()):
+            extra = torch.diag_embed(opened(model, verdict, found, innovation))
+            total = q + extra
+        steps = LinearSteps(
+            transition, shift, total, used.observation, used.variance, used.innovation
+        )
+        filtered = filter_in_parallel(zero, start.covariance, steps)
+        told = (found.observation @ filtered.prior_mean.unsqueeze(-1)).squeeze(-1)
+        innovation = found.innovation - told
+        # a reset opens the covariance after the gate has judged
+        _, spread = projected(filtered.prior_covariance - extra, found.observation)
+        nis = nis_by_kind(model, found, innovation, spread)
+        new = judged_over_time(model, nis, found.present, start.refused)
+        rounds -= 1
+        if rounds <= 0 or bool((new.verdict == verdict).all()):
+            return Pass(begin, ahead, end, found, filtered, innovation, new, verdict)
+        verdict = new.verdict
+
+
+def _shift(
+    model: FilterModel, begin: Belief, end: Belief, line: Timeline, transition: Tensor
+) -> Tensor:
+    """Return by how much a block's prediction moves because the one before ends elsewhere."""
+
+    def before(x: Tensor) -> Tensor:
+        return x[:, :-1]
+
+    def after(x: Tensor) -> Tensor:
+        return x[:, 1:]
+
+    last = type(line.occasion.end)(
+        type(line.occasion.end.sample)(*map(before, line.occasion.end.sample)),
+        before(line.occasion.end.acceleration),
+    )
+    gap = difference(model, map_belief(end, before), map_belief(begin, after), last)
+    gap = torch.nn.functional.pad(gap, (0, 0, 1, 0))
+    return (transition @ gap.unsqueeze(-1)).squeeze(-1)
+
+
+def beliefs_of(model: FilterModel, start: Belief, line: Timeline, done: Pass) -> Ended:
+    """Return every block's end as a pass has it.
+
+    Args:
+        model: The filter.
+        start: Belief before the first sample, batch shape (B,).
+        line: The drives in blocks.
+        done: The pass.
+
+    Returns:
+        Record, batch shape (B, K).
+    """
+    found, filtered, occasion = done.found, done.filtered, line.occasion
+    prior = fed_back(model, done.end, filtered.prior_mean, occasion.end)
+    after = fed_back(model, done.end, filtered.mean, occasion.end)
+    before = torch.cat((start.refused.unsqueeze(1), done.judged.refused[:, :-1]), 1)
+    there = model.rows.spread(found.present) > 0.5
+    return Ended(
+        prior._replace(covariance=filtered.prior_covariance, refused=before),
+        after._replace(covariance=filtered.covariance, refused=done.judged.refused),
+        torch.where(there, done.innovation, torch.nan),
+        done.judged,
+        filtered.mean if not model.closed else torch.zeros_like(filtered.mean),
+    )
