@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from navlearn.fusion.noise import EkfNoise, azimuth_density, walk_densities
-from navlearn.fusion.sensor_errors import SensorErrors, decaying, gyro_regressor
+from navlearn.fusion.sensor_errors import SensorErrors, decaying, gyro_regressor, speed_regressor
 from navlearn.mechanization.motion import RissMotion
 from navlearn.states import RissSample
 
@@ -75,7 +75,7 @@ def bias_scale_dynamics(
         if term == "scale":
             column = -torch.stack((v_e, v_n, motion.v_u, zero), -1)
         else:
-            level, climb = acceleration * moving, zero
+            level, climb = speed_regressor(term, samples, acceleration) * moving, zero
             if errors.three_d:
                 climb = level * torch.sin(pitch)
                 level = level * torch.cos(pitch)

@@ -10,7 +10,12 @@ import torch
 from torch import Tensor
 
 from navlearn.fusion.error_dynamics import per_tilt
-from navlearn.fusion.sensor_errors import SensorErrors, corrected_motion, gyro_regressor
+from navlearn.fusion.sensor_errors import (
+    SensorErrors,
+    corrected_motion,
+    gyro_regressor,
+    speed_regressor,
+)
 from navlearn.states import RissSample
 
 
@@ -112,7 +117,10 @@ def odometry(errors: SensorErrors, end: BlockEnd, sensor: Tensor) -> Odometry:
                 ahead = (motion.v_h, motion.v_u, push_h, push_u)
                 changes.append(tuple(-per_scale * x for x in ahead))
             else:
-                changes.append((push_h, push_u, zero, zero))
+                added = speed_regressor(term, sample, end.acceleration) * moving * per_scale
+                level = added * torch.cos(pitch) if errors.three_d else added
+                climb = added * torch.sin(pitch) if errors.three_d else zero
+                changes.append((level, climb, zero, zero))
         if errors.pitch_bias:
             tangent = torch.tan(pitch)
             turns.append(-rate * tangent if errors.tilt_compensation else zero)

@@ -9,7 +9,7 @@ from navlearn.errors import ConfigError
 from navlearn.mechanization.options import RissOptions
 
 GYRO_TERMS = ("bias", "scale", "abs_scale", "quadratic", "f_x", "f_y")
-SPEED_TERMS = ("scale", "delay")
+SPEED_TERMS = ("scale", "delay", "offset")
 MODELS = ("bias_scale", "shen2010", "shen2010_full", "bias_free")
 
 
@@ -74,7 +74,7 @@ class InitialOptions:
         acceleration_bias: Odometer acceleration bias of the Shen models, m/s².
         gyro: Per gyro term: ``bias`` rad/s, ``scale`` and ``abs_scale`` per rad/s,
             ``quadratic`` per (rad/s)², ``f_x`` and ``f_y`` rad/s per m/s².
-        speed: Per speed term: ``scale`` as a fraction, ``delay`` in s.
+        speed: Per speed term: ``scale`` as a fraction, ``delay`` in s, ``offset`` in m/s.
         pitch_bias: Pitch bias, rad.
     """
 
@@ -93,7 +93,9 @@ class InitialOptions:
             "f_y": math.radians(0.3) / 9.81,
         }
     )
-    speed: Mapping[str, float] = field(default_factory=lambda: {"scale": 0.03, "delay": 0.2})
+    speed: Mapping[str, float] = field(
+        default_factory=lambda: {"scale": 0.03, "delay": 0.2, "offset": 0.1}
+    )
     pitch_bias: float = math.radians(1.0)
 
 
@@ -124,7 +126,9 @@ class EkfOptions:
             run free and estimates its error beside it.
         gyro_terms: Gyro error terms that are states: regressors 1, ω, |ω|, ω|ω|, f_x, f_y.
             The Shen models have their own bias, ``bias_free`` has none.
-        speed_terms: Odometer error terms that are states: ``scale`` and ``delay``.
+        speed_terms: Odometer error terms that are states: ``scale``; ``delay``, how early its
+            stamps are; ``offset``, how much it reads too low while the car moves, as one does
+            that cuts its speed to whole steps.
         pitch_bias: Whether pitch bias is a state (needs a 3D mechanization); None means in 3D.
             The Shen models have none of the three.
         correlation_time: Of the gyro bias (and of both sensor states of the Shen models) about

@@ -84,6 +84,22 @@ def gyro_regressor(term: str, sample: RissSample) -> Tensor:
     return torch.ones_like(rate)
 
 
+def speed_regressor(term: str, sample: RissSample, acceleration: Tensor) -> Tensor:
+    """Return by how much an odometer error other than scale is to be added per its parameter.
+
+    Args:
+        term: ``delay`` or ``offset``.
+        sample: Samples, shape (...) each.
+        acceleration: Forward acceleration by the odometer, m/s², shape (...).
+
+    Returns:
+        Acceleration, or 1 where the odometer says that the car moves, shape (...).
+    """
+    if term == "delay":
+        return acceleration
+    return torch.where(sample.speed > 0.1, 1.0, 0.0).to(sample.speed.dtype)
+
+
 def decay_over(errors: SensorErrors, elapsed: Tensor) -> Tensor:
     """Return what is left of a Gauss–Markov deviation after some time.
 
@@ -159,6 +175,7 @@ def corrected_motion(
     """
     # scalars broadcast: a full channel of zeros would cost as much as one that counts
     gyro = scale = pitch = sample.dt.new_zeros(())
+    raw = sample
     if errors.velocity_states:
         bias = sensor[..., 1]
         gyro = anchor[..., 1] + (bias - anchor[..., 1]) * decay
@@ -177,7 +194,8 @@ def corrected_motion(
             if term == "scale":
                 scale = sensor[..., j]
             else:
-                sample = sample._replace(speed=sample.speed + sensor[..., j] * acceleration)
+                added = sensor[..., j] * speed_regressor(term, raw, acceleration)
+                sample = sample._replace(speed=sample.speed + added)
             j += 1
         if errors.pitch_bias:
             pitch = sensor[..., j]

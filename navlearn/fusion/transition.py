@@ -14,7 +14,13 @@ from torch import Tensor
 
 from navlearn.fusion.block_motion import BlockMotion
 from navlearn.fusion.noise import EkfNoise, azimuth_density, walk_densities
-from navlearn.fusion.sensor_errors import SensorErrors, decay_over, decaying, gyro_regressor
+from navlearn.fusion.sensor_errors import (
+    SensorErrors,
+    decay_over,
+    decaying,
+    gyro_regressor,
+    speed_regressor,
+)
 from navlearn.states import RissSample
 
 # transposed Cholesky factor of the 3 by 3 Hilbert matrix: ∫ xᵃ xᵇ dx over [0, 1]
@@ -133,7 +139,7 @@ def _sensor_columns(
             ways = (moved.east, moved.north, moved.up)
             east, north, up = (-per_scale * way.sum(-1) for way in ways)
         else:
-            level = acceleration * motion.dt
+            level = speed_regressor(term, samples, acceleration) * motion.dt
             climb = level * torch.sin(pitch) if errors.three_d else torch.zeros_like(level)
             level = level * torch.cos(pitch) if errors.three_d else level
             east = per_scale * _dot(level, moved.sine)

@@ -34,6 +34,9 @@ if TYPE_CHECKING:
 BASELINES: Final = ("dead_reckoning", "ekf_plain", "ekf")
 """Methods that learn nothing."""
 
+ANY_ODOMETER: Final = ("scale", "delay", "offset")
+"""Odometer errors that the filter estimates where nothing is known of the odometer."""
+
 DEFAULT_METHODS: Final = ("dead_reckoning", "ekf_plain", "ekf", "anarx")
 
 _VERSIONS: Final = "versions"
@@ -148,7 +151,8 @@ def recipe_for(
         methods: Baselines and model names; ``anarx`` needs no spec file.
         models: Spec files of further models.
         **sections: Further entries of :class:`Recipe`, as plain values; ``outages`` options
-            beside count and length go into ``outage_options``.
+            beside count and length go into ``outage_options``. Without a ``filter`` of its own
+            the filter also estimates delay and offset of an odometer of which nothing is known.
 
     Raises:
         ConfigError: Something is not understood or not allowed.
@@ -166,6 +170,7 @@ def recipe_for(
         "models": [spec.model_dump() for spec in specs],
         "methods": list(methods),
         "outages": protocol,
+        "filter": {"speed_terms": list(ANY_ODOMETER)},
         **sections,
     }
     return parse(Recipe, content, file="evaluate")

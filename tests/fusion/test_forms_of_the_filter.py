@@ -56,7 +56,7 @@ VARIANTS = {
     "augmented": (
         stated(
             gyro_terms=("bias", "scale", "abs_scale", "quadratic", "f_x", "f_y"),
-            speed_terms=("scale", "delay"),
+            speed_terms=("scale", "delay", "offset"),
         ),
         1e-3,
     ),

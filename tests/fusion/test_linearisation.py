@@ -22,10 +22,12 @@ from navlearn.states import GnssFix, NavState, RissSample
 ALL = ("bias", "scale", "abs_scale", "quadratic", "f_x", "f_y")
 MODELS = {
     "default": EkfOptions(),
-    "augmented": EkfOptions(gyro_terms=ALL, speed_terms=("scale", "delay")),
-    "flat": EkfOptions(speed_terms=("scale", "delay"), mechanization=RissOptions(dimensions=2)),
+    "augmented": EkfOptions(gyro_terms=ALL, speed_terms=("scale", "delay", "offset")),
+    "flat": EkfOptions(
+        speed_terms=("scale", "delay", "offset"), mechanization=RissOptions(dimensions=2)
+    ),
     "gauss_markov": EkfOptions(correlation_time=30.0),
-    "lever": EkfOptions(lever_arm=(0.5, -1.2, 1.7), speed_terms=("scale", "delay")),
+    "lever": EkfOptions(lever_arm=(0.5, -1.2, 1.7), speed_terms=("scale", "delay", "offset")),
     "course": EkfOptions(velocity=False, course=True),
     "shen2010_full": EkfOptions(model="shen2010_full", lever_arm=(0.5, -1.2, 1.7)),
 }
@@ -55,7 +57,13 @@ def block(n: int = 50, seed: int = 3) -> tuple[RissSample, torch.Tensor]:
 def belief_of(options: EkfOptions) -> Belief:
     lat = torch.tensor(0.8, dtype=torch.float64)
     state = NavState(lat, 0.1 + 0.0 * lat, 200.0 + 0.0 * lat, 0.7 + 0.0 * lat)
-    known = {"gyro_bias": 0.01, "speed_scale": 0.03, "speed_delay": 0.05, "pitch_bias": 0.02}
+    known = {
+        "gyro_bias": 0.01,
+        "speed_scale": 0.03,
+        "speed_delay": 0.05,
+        "speed_offset": 0.1,
+        "pitch_bias": 0.02,
+    }
     belief = initial_belief(options, state, sensor=known)
     return belief._replace(anchor=0.5 * belief.anchor)
 
