@@ -4,6 +4,8 @@ Commands import what they need when they run, so that ``navlearn --help`` answer
 """
 
 import os
+import warnings
+from collections.abc import Callable
 from typing import Annotated, Any
 
 import typer
@@ -84,8 +86,22 @@ for _command in (check, simulate, run, train, evaluate, export, predict):
     app.command()(_command)
 
 
+def show_once() -> Callable[..., None]:
+    """Return a way to show warnings that says each one once, without the code that gave it."""
+    shown: set[str] = set()
+
+    def show(message: Warning | str, *_: object, **__: object) -> None:
+        text = str(message)
+        if text not in shown:
+            shown.add(text)
+            typer.echo(f"navlearn: warning: {text}", err=True)
+
+    return show
+
+
 def main() -> None:
     """Run the command line."""
     # Tensors here are small: several threads would spend more on meeting than on working.
     os.environ.setdefault("OMP_NUM_THREADS", "1")
+    warnings.showwarning = show_once()
     app()
