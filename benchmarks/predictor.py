@@ -8,6 +8,7 @@ through the whole record.
 """
 
 import argparse
+import json
 import time
 from collections.abc import Callable
 from typing import Any
@@ -26,7 +27,8 @@ def build(lags: int, hidden: int) -> tuple[Predictor, Any]:
     with torch.no_grad():
         for weights in model.parameters():
             torch.nn.init.normal_(weights, std=0.2)
-    eager = Predictor(model, "{}").eval()
+    about = {"inputs": ["yaw_rate", "speed", "delay"]}
+    eager = Predictor(model, json.dumps(about)).eval()
     with without_retirement_notice():
         return eager, torch.jit.script(eager)
 

@@ -1,0 +1,30 @@
+"""Every benchmark runs, on the smallest work that it takes."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+FOLDER = Path(__file__).parents[1] / "benchmarks"
+SMALLEST = {
+    "anarx": ["--samples", "300", "--iterations", "3"],
+    "ekf": ["--minutes", "1", "--window", "10", "--repeat", "1"],
+    "mechanization": ["--repeats", "1", "--loop-samples", "100"],
+    "predictor": ["--rows", "20", "--repeats", "1"],
+    "simulated_drives": ["--grades", "mems_m", "--drives", "1", "--outages", "1x30"],
+    "simulator": ["--hours", "0.05"],
+}
+
+
+def test_every_benchmark_is_listed() -> None:
+    assert {path.stem for path in FOLDER.glob("*.py")} == set(SMALLEST)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", sorted(SMALLEST))
+def test_benchmark_runs(name: str) -> None:
+    command = [sys.executable, str(FOLDER / f"{name}.py"), *SMALLEST[name]]
+    ran = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
+    assert ran.returncode == 0, ran.stderr
+    assert ran.stdout.strip()
