@@ -32,11 +32,15 @@ def filter_options(recipe: Recipe, method: str = "ekf", log: DriveLog | None = N
     Args:
         recipe: The recipe.
         method: ``ekf_plain`` takes the gyro bias away; every other name is the honest filter.
-        log: Tells the lever arm of the antenna where the recipe does not.
+        log: Tells the lever arm of the antenna, and whether fixes have a vertical velocity, where
+            the recipe does not.
     """
     options = ekf_options(recipe.filter)
     if log is not None and "lever_arm" not in recipe.filter:
         options = replace(options, lever_arm=log.metadata.lever_arm)
+    if log is not None and "vertical_velocity" not in recipe.filter:
+        told = "v_u" in log.fixes and bool(log.fixes["v_u"].notna().any())
+        options = replace(options, vertical_velocity=told)
     mechanization = replace(options.mechanization, dimensions=recipe.mechanization.dims)
     options = replace(options, mechanization=mechanization)
     return replace(options, model=PLAIN[method]) if method in PLAIN else options

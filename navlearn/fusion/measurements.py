@@ -82,8 +82,8 @@ def _owner(rows: Rows, device: torch.device) -> Tensor:
 def measurement_rows(options: EkfOptions) -> Rows:
     """Return the rows that a filter's measurements take.
 
-    Velocity has a vertical row only where something vertical can answer for it: a pitch bias or
-    a velocity state.
+    Velocity has a vertical row only where fixes tell it and something vertical can answer for it:
+    a pitch bias or a velocity state.
 
     Args:
         options: Choices of the filter.
@@ -91,7 +91,8 @@ def measurement_rows(options: EkfOptions) -> Rows:
     Returns:
         Rows.
     """
-    vertical = options.has_pitch_state or options.has_velocity_states
+    answers = options.has_pitch_state or options.has_velocity_states
+    vertical = options.vertical_velocity and answers
     gyro = len(options.gyro_states) > 0
     wanted = (
         (Kind.POSITION, options.position, 3),

@@ -135,6 +135,8 @@ class EkfOptions:
             its value at alignment, s; infinite makes it a random walk.
         position: Whether GNSS positions are used.
         velocity: Whether GNSS velocities are used.
+        vertical_velocity: Whether they tell how the car climbs, too (in 3D); a receiver without
+            vertical velocity must not be read as one that says zero.
         course: Whether GNSS course is used as azimuth; not together with ``velocity``.
         zero_yaw_rate: Whether standstill observes the gyro's error terms.
         zero_speed: Whether standstill holds position and azimuth without process noise, and in
@@ -157,6 +159,7 @@ class EkfOptions:
     correlation_time: float = math.inf
     position: bool = True
     velocity: bool = True
+    vertical_velocity: bool = True
     course: bool = False
     zero_yaw_rate: bool = True
     zero_speed: bool = True

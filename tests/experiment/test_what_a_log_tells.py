@@ -1,4 +1,4 @@
-"""The antenna's lever arm reaches every method: from the log, or from the recipe."""
+"""What a log tells the filters: the lever arm of its antenna, and what its fixes leave out."""
 
 from dataclasses import replace
 
@@ -38,3 +38,23 @@ def test_solutions_are_those_of_the_imu_not_of_the_antenna():
         error[name] = rows.set_index("method")["first_horizontal_error_m"]
     assert (error["known"] < 0.5).all()
     assert (error["forgotten"] > 2.0).all()
+
+
+def test_fixes_without_vertical_velocity_are_not_read_as_zero():
+    log = simulate_drive(
+        profile="hills", grade=GRADES["tactical"], duration=500.0, imu_rate_hz=10.0
+    ).log
+    level = replace(log, fixes=log.fixes.drop(columns="v_u"))
+    assert filter_options(recipe(), log=log).vertical_velocity
+    assert not filter_options(recipe(), log=level).vertical_velocity
+    assert filter_options(recipe(vertical_velocity=True), log=level).vertical_velocity
+    in_3d = recipe().model_copy(
+        update={"mechanization": recipe().mechanization.model_copy(update={"dims": 3})}
+    )
+    error = {}
+    for name, overrides in (("left out", {}), ("read as zero", {"vertical_velocity": True})):
+        chosen = in_3d.model_copy(update={"filter": overrides})
+        methods = {"ekf": FilterMethod(FilterRuns(chosen), "ekf")}
+        rows = replay(level, [Outage(420.0, 40.0)], methods, progress=False).rows
+        error[name] = float(rows["max_height_error_m"].iloc[0])
+    assert error["left out"] < 0.7 * error["read as zero"]
