@@ -75,9 +75,13 @@ def main() -> None:
     parser.add_argument("--minutes", type=int, nargs="+", default=[60, 80])
     parser.add_argument("--window", type=int, default=60, help="seconds of each of 32 windows")
     parser.add_argument("--repeat", type=int, default=2)
+    parser.add_argument(
+        "--states", type=int, choices=(7, 9), default=7, help="9 adds odometer delay and offset"
+    )
     options = parser.parse_args()
     torch.set_num_threads(1)
-    ekf = LooselyCoupledEkf(EkfOptions())
+    terms = ("scale", "delay", "offset") if options.states == 9 else ("scale",)
+    ekf = LooselyCoupledEkf(EkfOptions(speed_terms=terms))
     cases = [(f"{m} min, B=1", 60 * m, 1) for m in options.minutes]
     cases.append((f"{options.window} s, B=32", options.window, 32))
     print(f"{'drive':14} {'form':22} {'CPU s':>8} {'M/s':>8} {'x exact':>8}  note")
