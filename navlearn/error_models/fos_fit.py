@@ -51,7 +51,8 @@ def fit_fos(
         source: What the caller knows about the data, for the record.
 
     Returns:
-        A ``FosModel`` with its record; the curve is the mean squared residual by term.
+        A ``FosModel`` with its record; the curve is the mean squared residual by
+        term, with the ridge's penalty, in standardised units.
 
     Raises:
         ShapeError: The shapes do not belong together, or the windows are no longer than the lags.

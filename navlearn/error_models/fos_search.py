@@ -23,7 +23,7 @@ def noise_level(rows: float, terms: int, candidates: int, false_alarm: float) ->
     """Return the share of white noise that the best of many candidates takes by chance.
 
     A share ρ² that one candidate takes of ν + 1 degrees of freedom is t²/(ν + t²) with Student's
-    t; its quantile is from the normal one by Wallace (1959), the many by Šidák's bound.
+    t; its quantile is from the normal one by [Wallace1959], the many by Šidák's bound.
 
     Args:
         rows: Rows that count; with weights, their effective number.
@@ -61,7 +61,7 @@ class Search:
         basis: Orthonormal directions of the chosen terms, shape (k, N + K).
         upper: Chosen terms in those directions, shape (k, k), upper triangular.
         residual: Shape (N + K,).
-        errors: Energy of the residual after each step, the target's first.
+        errors: Energy of the residual with the ridge's after each step, the target's first.
         stopped: Why the search ended.
     """
 

@@ -43,10 +43,12 @@ def matrix(u, y, options):
 def explicit_search(p, pairs, y, weight, terms, ridge=0.0):
     """Gram–Schmidt over all candidates, held; returns chosen pairs, errors and coefficients."""
     root = np.sqrt(weight)
-    own = np.sqrt(ridge) * np.linalg.norm(p * root[:, None], axis=0)
-    own[0] = 0.0
-    full = np.vstack([p * root[:, None], np.diag(own)])
-    target = np.concatenate([y * root, np.zeros(p.shape[1])])
+    full, target = p * root[:, None], y * root
+    if ridge > 0:
+        own = np.sqrt(ridge) * np.linalg.norm(full, axis=0)
+        own[0] = 0.0
+        full = np.vstack([full, np.diag(own)])
+        target = np.append(target, np.zeros(p.shape[1]))
     w, residual, chosen, errors = full.copy(), target.copy(), [], [target @ target]
     for _ in range(terms):
         energy = (w**2).sum(0)
@@ -156,6 +158,11 @@ def test_finds_ten_true_terms_of_6216():
     search = search_of(u, y, options)
     assert {(i, j) for i, j in pairs.tolist()} == set(search.chosen)
     assert search.stopped == "no candidate above the level of white noise"
+    p, names = matrix(u, y, options)
+    chosen, errors, theta = explicit_search(p, names, y[10:].numpy(), np.ones(600), 10)
+    assert search.chosen == chosen
+    np.testing.assert_allclose(search.errors, errors, rtol=1e-9)
+    np.testing.assert_allclose(search.coefficients(), theta, rtol=1e-9)
 
 
 @pytest.mark.parametrize("ridge", [0.0, 0.02])
@@ -198,6 +205,17 @@ def test_backward_drops_what_noise_could_stand_for():
     a = p[:, [pairs.index(pair) for pair in search.chosen]]
     theta = np.linalg.lstsq(a, y[2:].numpy(), rcond=None)[0]
     np.testing.assert_allclose(search.coefficients(), theta, rtol=1e-9)
+
+
+def test_backward_leaves_nothing_of_white_noise():
+    generator = torch.Generator().manual_seed(4)
+    u = torch.randn(300, 3, generator=generator).double()
+    y = torch.randn(300, generator=generator).double()
+    search = search_of(u, y, FosOptions(lags=2, max_terms=4, false_alarm=1.0))
+    search.options = FosOptions(lags=2, max_terms=4)
+    assert search_backward(search) == 4
+    assert search.coefficients().shape == (0,)
+    assert search.errors[-1] == pytest.approx(search.errors[0])
 
 
 def test_target_error_stops():
