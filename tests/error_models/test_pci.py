@@ -1,0 +1,355 @@
+"""PCI against plain loops, against systems that are known, and on noise."""
+
+import itertools
+import math
+
+import pytest
+import torch
+from scipy.stats import chi2
+
+from navlearn.error_models.base import ErrorModel
+from navlearn.error_models.pci import PciModel, PciOptions
+from navlearn.error_models.pci_candidates import (
+    Draw,
+    acceptance_threshold,
+    draw_candidates,
+    fit_cascades,
+    linear_responses,
+)
+from navlearn.error_models.pci_fit import fit_pci
+from navlearn.error_models.volterra import volterra_kernels
+from navlearn.errors import ConfigError, FitError, ShapeError
+
+FIRST = torch.tensor([[1.0, 0.6, 0.2, -0.3]]).double()
+SECOND = torch.tensor([[0.3, -0.5, 0.8, 0.1]]).double()
+POWERS = ((0.5, 1.0, -0.3, 0.05), (0.0, 0.0, 0.4, -0.1))
+
+
+def noise(*shape, seed=0):
+    return torch.randn(*shape, generator=torch.Generator().manual_seed(seed)).double()
+
+
+def filtered(x, response):
+    """Convolution by plain sums, inputs held before the start; response (m, R + 1)."""
+    total = torch.zeros(len(x)).double()
+    for i, j in itertools.product(range(response.shape[0]), range(response.shape[1])):
+        total += response[i, j] * torch.cat((x[:1, i].expand(j), x[: len(x) - j, i]))
+    return total
+
+
+def two_cascades(x, responses):
+    outputs = [filtered(x, g) for g in responses]
+    return sum(p * u**d for u, row in zip(outputs, POWERS, strict=True) for d, p in enumerate(row))
+
+
+def single(rows=1500, seed=1):
+    x = 1.5 + 2.0 * noise(rows, 1, seed=seed)
+    return x, two_cascades(x, (FIRST, SECOND))
+
+
+def double(rows=2500, seed=2):
+    x = noise(rows, 2, seed=seed) * torch.tensor([1.0, 3.0]).double() + 0.4
+    responses = (torch.cat((FIRST, 0.2 * SECOND)), torch.cat((-0.4 * FIRST, 0.3 * SECOND)))
+    return x, two_cascades(x, responses), responses
+
+
+def kernels_of(responses):
+    """Kernels of the generating system, by their definition, channels inside lags."""
+    flat = [g.T.reshape(-1) for g in responses]
+    zeroth = sum(row[0] for row in POWERS)
+    first = sum(row[1] * g for row, g in zip(POWERS, flat, strict=True))
+    second = sum(row[2] * torch.outer(g, g) for row, g in zip(POWERS, flat, strict=True))
+    third = sum(
+        row[3] * g[:, None, None] * g[:, None] * g for row, g in zip(POWERS, flat, strict=True)
+    )
+    return zeroth, first, second, third
+
+
+def test_correlations_equal_plain_loops():
+    lagged, residual = noise(40, 6), noise(40, seed=1)
+    share = torch.rand(40, generator=torch.Generator().manual_seed(2)).double()
+    share = share / share.sum()
+    reads = torch.tensor([[True] * 6, [True, False] * 3, [True] * 6])
+    draw = Draw(
+        torch.tensor([1, 2, 3]),
+        torch.tensor([[4, 1], [3, 0], [2, 2]]),
+        torch.tensor([[1.0, 1.0], [-1.0, 1.0], [1.0, -1.0]]).double(),
+        reads,
+    )
+    found = linear_responses(lagged, residual, share, 0.7, draw)
+    for m in range(3):
+        for j in range(6):
+            value = 0.0
+            for n in range(40):
+                term = float(share[n] * residual[n] * lagged[n, j])
+                for k in range(int(draw.order[m]) - 1):
+                    term *= float(lagged[n, draw.slices[m, k]])
+                value += term * float(reads[m, j])
+            for k in range(int(draw.order[m]) - 1):
+                value += 0.7 * float(draw.signs[m, k]) * (j == int(draw.slices[m, k]))
+            assert float(found[m, j]) == pytest.approx(value, abs=1e-14)
+
+
+def test_one_cascade_equals_least_squares_on_powers():
+    lagged, residual, response = noise(200, 5), noise(200, seed=1), noise(3, 5, seed=2)
+    share = torch.rand(200, generator=torch.Generator().manual_seed(3)).double()
+    share = share / share.sum()
+    fitted, power = fit_cascades(lagged, residual, share, response, 3)
+    for k in range(3):
+        u = lagged @ fitted.response[k]
+        assert float((share * u * u).sum()) == pytest.approx(1.0, abs=1e-12)
+        vandermonde = torch.stack([u**d for d in range(4)], -1)
+        weighted = vandermonde.T * share
+        z = vandermonde @ torch.linalg.solve(weighted @ vandermonde, weighted @ residual)
+        assert float(power[k]) == pytest.approx(float((share * z * z).sum()), rel=1e-10)
+
+
+def test_a_linear_output_without_power_explains_nothing():
+    fitted, power = fit_cascades(
+        noise(30, 4), noise(30), torch.ones(30).double() / 30, torch.zeros(1, 4).double(), 3
+    )
+    assert float(power) == 0.0
+    assert all(bool(torch.isfinite(field).all()) for field in fitted)
+
+
+def test_draws_reach_every_order_and_lag_and_repeat_with_the_seed():
+    first = draw_candidates(500, 3, 4, 2, torch.Generator().manual_seed(5))
+    again = draw_candidates(500, 3, 4, 2, torch.Generator().manual_seed(5))
+    assert all(torch.equal(a, b) for a, b in zip(first, again, strict=True))
+    assert set(first.order.tolist()) == {1, 2, 3}
+    assert set(first.slices.reshape(-1).tolist()) == set(range(10))
+    assert set(first.reads.sum(-1).tolist()) == {5, 10}
+    assert int(first.order[0]) == 1
+    assert bool(first.reads[0].all())
+
+
+@pytest.mark.parametrize("refit", [True, False])
+def test_recovers_two_cascades_and_their_kernels(refit):
+    x, y = single()
+    options = PciOptions(lags=3, refit=refit, cascades=60, safeguard=False)
+    model = fit_pci(x[:1000], y[:1000], options).model
+    held_out = ((model(x)[1000:, 0] - y[1000:]) ** 2).mean() / y.var()
+    assert float(held_out) < (1e-20 if refit else 1e-5)
+    tolerance = 1e-9 if refit else 5e-3
+    for found, known in zip(volterra_kernels(model), kernels_of((FIRST, SECOND)), strict=True):
+        known = torch.as_tensor(known, dtype=torch.float64).reshape(found.shape)
+        torch.testing.assert_close(found, known, rtol=0, atol=tolerance)
+
+
+def test_recovers_two_cascades_of_two_inputs_and_their_kernels():
+    x, y, responses = double()
+    options = PciOptions(
+        inputs=2, lags=3, cascades=150, acceptance="paper", safeguard=False, tried=40_000
+    )
+    fitted = fit_pci(x[:1500], y[:1500], options)
+    assert fitted.record.stopped == "target"
+    assert float(((fitted.model(x)[1500:, 0] - y[1500:]) ** 2).mean() / y.var()) < 1e-10
+    for found, known in zip(volterra_kernels(fitted.model), kernels_of(responses), strict=True):
+        known = torch.as_tensor(known, dtype=torch.float64).reshape(found.shape)
+        torch.testing.assert_close(found, known, rtol=0, atol=1e-5)
+
+
+@pytest.mark.parametrize("degree", [1, 2, 5])
+def test_kernels_of_every_degree_equal_derivatives_at_zero(degree):
+    x, y, _ = double(300)
+    y = y + noise(300, seed=7)
+    options = PciOptions(inputs=2, lags=2, degree=degree, cascades=3, safeguard=False)
+    model = fit_pci(x, y, options).model
+    found = volterra_kernels(model)
+    zero = torch.zeros(1, 3, 2).double()
+
+    def output(flat):
+        return model.respond((flat.reshape(1, 3, 2) - model.u_mean) / model.u_scale).sum()
+
+    gradient = torch.autograd.functional.jacobian(output, zero.reshape(-1))
+    hessian = torch.autograd.functional.hessian(output, zero.reshape(-1))
+    by_lag = found.first.flip(0).reshape(-1)
+    torch.testing.assert_close(
+        float(found.zeroth),
+        float(model.respond(zero * 0 - (model.u_mean / model.u_scale))),
+        rtol=1e-9,
+        atol=1e-9,
+    )
+    torch.testing.assert_close(by_lag, gradient, rtol=1e-8, atol=1e-8)
+    second = found.second.flip(0).flip(2).reshape(6, 6)
+    torch.testing.assert_close(2.0 * second, hessian, rtol=1e-8, atol=1e-8)
+    assert degree > 2 or not bool(found.third.any())
+
+
+def accepted_on_noise(acceptance, draws, rows=600):
+    """Number of draws of white noise with any cascade, and cascades per draw."""
+    counts = [
+        fit_pci(
+            noise(rows, 1, seed=2 * k),
+            noise(rows, seed=2 * k + 1),
+            PciOptions(acceptance=acceptance, cascades=8, seed=k),
+        ).cascades
+        for k in range(draws)
+    ]
+    return sum(count > 0 for count in counts), sum(counts) / draws
+
+
+@pytest.mark.parametrize("draws", [60, pytest.param(200, marks=pytest.mark.slow)])
+def test_the_default_rule_refuses_white_noise_and_the_papers_takes_it(draws, record_property):
+    default, _ = accepted_on_noise("default", draws)
+    paper, cascades = accepted_on_noise("paper", draws)
+    record_property("default_accepts", default)
+    record_property("paper_accepts", paper)
+    record_property("paper_cascades", cascades)
+    assert default <= 0.05 * draws
+    assert paper > 0.9 * draws
+
+
+def test_the_default_threshold_is_the_quantile_of_chi_squared():
+    freedom = torch.tensor([2.0, 14.0, 60.0]).double()
+    share = acceptance_threshold(600.0, freedom, 64, 0.02, False)
+    expected = -torch.expm1(-torch.from_numpy(chi2.isf(0.02 / 64, freedom.numpy())) / 600.0)
+    torch.testing.assert_close(share, expected, rtol=1e-10, atol=0)
+    assert acceptance_threshold(600.0, freedom, 64, 0.02, True).tolist() == [4 / 600] * 3
+
+
+def test_a_weak_system_in_strong_noise_is_found():
+    x = noise(600, 1, seed=3)
+    y = filtered(x, FIRST)
+    y = y + math.sqrt(3.0) * y.std() * noise(600, seed=4)
+    fitted = fit_pci(x, y, PciOptions())
+    assert fitted.cascades >= 1
+    assert fitted.record.stopped == "none passed"
+    assert fitted.record.train_loss < 0.85
+
+
+STOPS = [
+    ({"cascades": 2}, "cascades"),
+    ({"tried": 100}, "tried"),
+    ({"target": 0.5}, "target"),
+    ({"degree": 1, "order": 1}, "none passed"),
+]
+
+
+@pytest.mark.parametrize(("changed", "stopped"), STOPS)
+def test_each_rule_stops(changed, stopped):
+    x, y = single(600)
+    fitted = fit_pci(x, y + noise(600, seed=9), PciOptions(lags=3, **changed))
+    assert fitted.record.stopped == stopped
+    assert fitted.tried <= changed.get("tried", 10_000)
+    assert len(fitted.curves.train) == fitted.cascades + 1
+    assert list(fitted.curves.train) == sorted(fitted.curves.train, reverse=True)
+
+
+@pytest.mark.parametrize("safeguard", [True, False])
+@pytest.mark.parametrize("lags", [0, 3])
+def test_step_equals_forward_and_scripts(safeguard, lags):
+    x, y, _ = double(400)
+    options = PciOptions(inputs=2, lags=lags, safeguard=safeguard, cascades=5)
+    model = fit_pci(x, y + noise(400), options).model
+    assert isinstance(model, ErrorModel)
+    scripted = torch.jit.script(model)
+    u = 2.0 * noise(3, 20, 2, seed=8)
+    whole = model(u)
+    for runner in (model, scripted):
+        state = runner.initial_state(u[:, 0])
+        rows = []
+        for t in range(20):
+            row, state = runner.step(u[:, t], state)
+            rows.append(row)
+        torch.testing.assert_close(torch.stack(rows, 1), whole, rtol=0, atol=1e-11)
+    torch.testing.assert_close(scripted(u), whole, rtol=0, atol=1e-12)
+    assert torch.equal(scripted.prediction_variance(7), model.prediction_variance(1))
+    assert whole.shape == (3, 20, 1)
+    assert model(u[:, :0]).shape == (3, 0, 1)
+
+
+def test_the_safeguard_bounds_what_leaves_the_training_range():
+    x, y = single(600)
+    model = fit_pci(x, y, PciOptions(lags=3)).model
+    far = torch.full((5, 1), 1e6).double()
+    assert torch.equal(model(far), model(torch.full_like(far, float(x.max()))))
+    reach = model.limit * model.y_scale * (1 + 1e-12)
+    assert bool(((model(100.0 * x) - model.y_mean).abs() <= reach).all())
+    assert model.count_clamped(far).tolist() == [1] * 5
+    wild = fit_pci(x, y, PciOptions(lags=3, safeguard=False)).model
+    assert float(wild(far).abs().max()) > 1e6
+
+
+def test_without_cascades_the_mean_is_all():
+    fitted = fit_pci(noise(600, 1), 3.0 + noise(600, seed=1), PciOptions())
+    assert fitted.cascades == 0
+    assert torch.equal(fitted.model(noise(4, 1)), fitted.model.y_mean.expand(4, 1))
+    assert float(fitted.model.prediction_variance(1)) == pytest.approx(1.0, abs=0.2)
+    assert torch.isinf(PciModel(PciOptions()).prediction_variance(1)).all()
+
+
+def test_the_variance_is_that_of_the_noise():
+    x, y = single(4000)
+    fitted = fit_pci(x, y + 0.5 * noise(4000, seed=5), PciOptions(lags=3))
+    assert float(fitted.model.prediction_variance(1)) == pytest.approx(0.25, rel=0.1)
+
+
+def test_the_same_seed_gives_the_same_model_whatever_the_global_one():
+    x, y = single(500)
+    y = y + noise(500)
+    torch.manual_seed(1)
+    first = fit_pci(x, y, PciOptions(lags=3, seed=4, refit=False)).model.state_dict()
+    torch.manual_seed(2)
+    again = fit_pci(x, y, PciOptions(lags=3, seed=4, refit=False)).model.state_dict()
+    other = fit_pci(x, y, PciOptions(lags=3, seed=5, refit=False)).model.state_dict()
+    assert all(torch.equal(first[name], again[name]) for name in first)
+    assert not torch.equal(first["weight"], other["weight"])
+
+
+def test_rows_of_weight_zero_and_their_shadows_are_not_read():
+    x, y = single(600)
+    y = y + noise(600)
+    weight = torch.ones(600).double()
+    weight[250:260] = 0.0
+    spoilt_x, spoilt_y = x.clone(), y.clone()
+    spoilt_x[250:260], spoilt_y[250:260] = torch.nan, torch.nan
+    fitted = fit_pci(spoilt_x, spoilt_y, PciOptions(lags=3), weight)
+    assert fitted.record.samples == 600 - 3 - 10 - 3
+    halves = [torch.stack((z[:250], z[350:])) for z in (x, y)]
+    windows = fit_pci(*halves, PciOptions(lags=3))
+    assert windows.record.samples == 2 * (250 - 3)
+    assert bool(torch.isfinite(fitted.model(x)).all())
+
+
+def test_doubling_all_weights_changes_nothing():
+    x, y = single(500)
+    weight = torch.rand(500, generator=torch.Generator().manual_seed(1)).double()
+    once = fit_pci(x, y, PciOptions(lags=3, cascades=4), weight)
+    twice = fit_pci(x, y, PciOptions(lags=3, cascades=4), 2.0 * weight)
+    torch.testing.assert_close(once.model(x), twice.model(x))
+
+
+def test_bad_data_are_refused_by_name():
+    x, y = single(100)
+    spoilt = x.clone()
+    spoilt[7] = torch.nan
+    with pytest.raises(FitError, match="not finite"):
+        fit_pci(spoilt, y, PciOptions())
+    with pytest.raises(FitError, match="too short"):
+        fit_pci(x[:5], y[:5], PciOptions())
+    with pytest.raises(FitError, match="negative"):
+        fit_pci(x, y, PciOptions(), -torch.ones(100))
+    with pytest.raises(FitError, match="positive weight before"):
+        fit_pci(x, y, PciOptions(), torch.arange(100) % 2)
+    with pytest.raises(ShapeError, match="expected"):
+        fit_pci(x, y[:50], PciOptions())
+    with pytest.raises(ShapeError, match="expected"):
+        fit_pci(x, y, PciOptions(inputs=2))
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"inputs": 0},
+        {"lags": -1},
+        {"order": 4},
+        {"acceptance": "other"},
+        {"level": 1.0},
+        {"target": -1.0},
+        {"output_limit": 0.0},
+    ],
+)
+def test_options_that_make_no_sense_are_refused(wrong):
+    with pytest.raises(ConfigError, match=next(iter(wrong))):
+        PciOptions(**wrong)
