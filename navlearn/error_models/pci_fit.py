@@ -23,6 +23,7 @@ from navlearn.error_models.pci_candidates import (
     acceptance_threshold,
     basis,
     draw_candidates,
+    effective_rows,
     fit_cascades,
     linear_responses,
 )
@@ -192,7 +193,10 @@ def _best(
     response = linear_responses(lagged, residual, share, c, draw)
     fitted, power = fit_cascades(lagged, residual, share, response, options.degree)
     freedom = draw.reads.sum(-1).double() + options.degree
-    least = acceptance_threshold(rows, freedom, count, options.level, options.acceptance == "paper")
+    paper = options.acceptance == "paper"
+    if not paper:
+        rows = effective_rows(rows, lagged[:, : options.inputs], residual, share)
+    least = acceptance_threshold(rows, freedom, count, options.level, paper)
     passes = power > least * (share * residual * residual).sum()
     if not bool(passes.any()):
         return None

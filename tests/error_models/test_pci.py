@@ -13,6 +13,7 @@ from navlearn.error_models.pci_candidates import (
     Draw,
     acceptance_threshold,
     draw_candidates,
+    effective_rows,
     fit_cascades,
     linear_responses,
 )
@@ -206,6 +207,39 @@ def test_the_default_threshold_is_the_quantile_of_chi_squared():
     expected = -torch.expm1(-torch.from_numpy(chi2.isf(0.02 / 64, freedom.numpy())) / 600.0)
     torch.testing.assert_close(share, expected, rtol=1e-10, atol=0)
     assert acceptance_threshold(600.0, freedom, 64, 0.02, True).tolist() == [4 / 600] * 3
+
+
+def test_effective_rows_equal_plain_loops():
+    x, y, share = noise(50, 1).cumsum(0), noise(50, seed=1).cumsum(0), torch.ones(50).double() / 50
+
+    def correlation(z, j):
+        z = z - z.mean()
+        return float((z[j:] * z[: 50 - j]).sum() / (z * z).sum())
+
+    total = 1 + 2 * sum(correlation(x[:, 0], j) * correlation(y, j) for j in range(1, 12))
+    assert effective_rows(50.0, x, y, share) == pytest.approx(max(50 / total, 1.0), rel=1e-9)
+    white = effective_rows(600.0, noise(600, 1), noise(600, seed=1), torch.ones(600).double() / 600)
+    assert 480 < white <= 600
+
+
+def test_two_random_walks_are_not_taken_for_cause_and_effect():
+    accepted = [
+        fit_pci(
+            noise(600, 1, seed=2 * k).cumsum(0),
+            noise(600, seed=2 * k + 1).cumsum(0),
+            PciOptions(cascades=1, seed=k),
+        ).cascades
+        for k in range(40)
+    ]
+    assert sum(accepted) <= 4
+
+
+def test_a_slow_cause_is_still_found():
+    smooth = torch.ones(1, 10).double() / 10
+    x = filtered(noise(600, 1), smooth).unsqueeze(-1)
+    y = filtered(x, FIRST)
+    y = y + 0.5 * y.std() * noise(600, seed=1)
+    assert fit_pci(x, y, PciOptions()).cascades >= 1
 
 
 def test_a_weak_system_in_strong_noise_is_found():
