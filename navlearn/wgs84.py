@@ -35,6 +35,3 @@ SOMIGLIANA_CONSTANT: float = (
 
 GRAVITY_RATIO: float = EARTH_RATE**2 * SEMI_MAJOR_AXIS**2 * SEMI_MINOR_AXIS / GRAVITATIONAL_CONSTANT
 """m = ω² a² b / GM of the free-air term."""
-
-SPEED_OF_LIGHT: float = 299792458.0
-"""Speed of light, m/s."""

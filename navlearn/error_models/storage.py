@@ -21,6 +21,9 @@ from navlearn.errors import ConfigError, LogNotFoundError, OutputExistsError
 
 FORMAT = "navlearn error model 1"
 
+KIND = "anarx"
+"""The one kind that can be read back, and so the one that is written."""
+
 
 def save_error_model(fitted: FittedErrorModel, path: Path, *, force: bool = False) -> None:
     """Write a fitted error model.
@@ -32,8 +35,14 @@ def save_error_model(fitted: FittedErrorModel, path: Path, *, force: bool = Fals
 
     Raises:
         OutputExistsError: The file exists and ``force`` is False.
+        ConfigError: The model is of a kind that could not be read back.
     """
     path = Path(path)
+    if fitted.kind != KIND:
+        raise ConfigError(
+            f"{path}: models of kind {fitted.kind!r} cannot be saved yet, only {KIND!r}; nothing "
+            "was written. Keep the data and options that it was fitted with"
+        )
     if path.exists() and not force:
         raise OutputExistsError(f"{path}: exists already; pass force=True to overwrite it")
     about = {
@@ -68,10 +77,10 @@ def load_error_model(path: Path) -> FittedErrorModel:
         raise ConfigError(
             f"{path}: not a navlearn error model ({type(error).__name__}: {error})"
         ) from error
-    if about.get("format") != FORMAT or about.get("kind") != "anarx":
+    if about.get("format") != FORMAT or about.get("kind") != KIND:
         raise ConfigError(
             f"{path}: format {about.get('format')!r}, kind {about.get('kind')!r}; expected "
-            f"{FORMAT!r} and 'anarx'; read it with the navlearn that wrote it"
+            f"{FORMAT!r} and {KIND!r}; read it with the navlearn that wrote it"
         )
     options = AnarxOptions(**about["options"])
     model = Anarx(options)

@@ -8,6 +8,7 @@ from pathlib import Path
 import pandas as pd
 
 from navlearn.experiment.drive import Drive
+from navlearn.experiment.learned import SHARES
 from navlearn.outages.replay import Replay
 from navlearn.outages.run_summary import DriveSummary, MethodSummary, RunSummary
 from navlearn.outages.track import driven, track_of
@@ -82,8 +83,9 @@ def _setup(recipe: Recipe, drive: Drive) -> tuple[str, ...]:
         lines.append(
             f"training: for each outage anew on its drive's {past}, on outages of "
             f"{training.horizon_s:g} s emulated every {training.restart_every_s:g} s, in steps of "
-            f"{training.step_s:g} s: the first 60 % of the time to fit, the next 20 % to stop by, "
-            "the last 20 % for the gate; what passes is fitted once more on all of it"
+            f"{training.step_s:g} s: the first {SHARES[0]:.0%} of the time to fit, up to "
+            f"{SHARES[1]:.0%} to stop by, the rest for the gate; what passes is fitted once more "
+            "on all of it"
         )
     return tuple(lines)
 

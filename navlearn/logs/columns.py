@@ -6,8 +6,6 @@ A column that a log does not have is absent; a value that is not available is Na
 
 from typing import Final
 
-TIME: Final = "t"
-
 IMU: Final[dict[str, str]] = {
     "gyro_x": "angular rate about x (right), rad/s",
     "gyro_y": "angular rate about y (forward), rad/s",

@@ -1,5 +1,6 @@
 import subprocess
 import sys
+from dataclasses import replace
 
 import pytest
 import torch
@@ -44,6 +45,12 @@ def fitted():
     return FittedErrorModel(
         kind="anarx", model=model, options=options, record=record, curves=curves
     )
+
+
+def test_what_could_not_be_read_back_is_not_written(fitted, tmp_path):
+    with pytest.raises(ConfigError, match="kind 'fos' cannot be saved"):
+        save_error_model(replace(fitted, kind="fos"), tmp_path / "model.pt")
+    assert not (tmp_path / "model.pt").exists()
 
 
 def test_what_is_saved_comes_back(fitted, tmp_path):
