@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 import pandas as pd
 
+from navlearn.outages.published import PublishedTable
 from navlearn.outages.schedule import OutageProtocol, Placement
 from navlearn.outages.statistics import HEADLINE, Comparison, compare
 
@@ -38,13 +39,17 @@ class MethodSummary:
 
     Attributes:
         description: What it is, in a sentence.
-        regime: ``none`` (nothing is trained), ``online``, ``other-drives`` or ``adapted``.
+        regime: ``none`` (nothing is trained), ``online``, ``other-drives``, ``adapted``, or
+            ``post-processing``, which knows what came after the outage.
         notes: Anything else worth reading, such as how often a safeguard spoke.
+        guarded: Whether a safeguard stands between what was learned and the solution; of no
+            meaning where nothing is learned.
     """
 
     description: str
     regime: str = "none"
     notes: tuple[str, ...] = ()
+    guarded: bool = True
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,6 +73,7 @@ class RunSummary:
         resamples: Bootstrap draws.
         bootstrap_seed: Of the draws.
         figures: Captions of the figures by file name, relative to the report.
+        published: Tables of papers, printed beside ours.
     """
 
     title: str
@@ -86,6 +92,7 @@ class RunSummary:
     resamples: int = 5000
     bootstrap_seed: int = 0
     figures: Mapping[str, str] = field(default_factory=dict)
+    published: tuple[PublishedTable, ...] = ()
 
 
 def comparisons(summary: RunSummary, baseline: str) -> dict[str, Comparison]:
