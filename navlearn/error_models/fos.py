@@ -6,11 +6,14 @@ each, so it reads as an equation.
 """
 
 import math
+from dataclasses import asdict
+from typing import Any
 
 import torch
 from torch import Tensor, nn
 
-from navlearn.error_models.fos_candidates import Term
+from navlearn.error_models.fos_candidates import Term, read_terms
+from navlearn.error_models.fos_equation import name_channels, write_equation
 from navlearn.error_models.fos_options import FosOptions
 from navlearn.error_models.scaling import Scaling, unit_scaling
 from navlearn.errors import ConfigError, ShapeError
@@ -213,16 +216,41 @@ class FosModel(nn.Module):
         Raises:
             ConfigError: The names or units are not as many as the inputs.
         """
-        names = names or tuple(f"u{k + 1}" for k in range(self.inputs))
-        if len(names) != self.inputs or len(units) not in (0, self.inputs):
-            raise ConfigError(
-                f"equation: {len(names)} names and {len(units)} units for {self.inputs} inputs"
-            )
-        channels, dimensions = (*names, output), (*units, output_unit)
-        parts = []
-        for value, term in zip(self.coefficients.tolist(), self.terms, strict=True):
-            factors = [f"{channels[c]}[k-{lag}]".replace("[k-0]", "[k]") for c, lag in term]
-            below = [f"({dimensions[c]})" for c, _ in term if dimensions[c]] if units else []
-            unit = "/".join([output_unit or "1", *below]) if units else ""
-            parts.append(" · ".join([f"{value:+.6g} {unit}".strip(), *factors]))
-        return f"{output}[k] = " + (" ".join(parts) or "0")
+        channels = name_channels(self.inputs, names, output, units, output_unit)
+        return write_equation(self.coefficients.tolist(), self.terms, *channels)
+
+
+def fos_description(model: FosModel) -> dict[str, Any]:
+    """Return what a reader needs beside the weights, as plain lists, numbers and words.
+
+    Args:
+        model: A fitted model.
+    """
+    terms = [[list(factor) for factor in term] for term in model.terms]
+    return {"inputs": model.inputs, "terms": terms, "options": asdict(model.options)}
+
+
+def fos_from_description(description: dict[str, Any], weights: dict[str, Tensor]) -> FosModel:
+    """Return a model from its description and its ``state_dict``; predicts as the saved one did.
+
+    Args:
+        description: From ``fos_description``, after JSON or not.
+        weights: The model's ``state_dict``.
+
+    Raises:
+        ConfigError: The description is none, or the weights belong to another model.
+    """
+    try:
+        inputs, options = int(description["inputs"]), FosOptions(**description["options"])
+        model = FosModel(inputs, read_terms(description["terms"], inputs, options), options)
+        places = [model.left.tolist(), model.right.tolist()]
+        model.set_variance(weights["variance"])
+        model.load_state_dict(weights)
+    except (KeyError, TypeError, ValueError, RuntimeError) as error:
+        raise ConfigError(
+            f"fos: no model can be built ({type(error).__name__}: {error}); give inputs, terms "
+            "and options from fos_description and the weights of the same model"
+        ) from error
+    if [model.left.tolist(), model.right.tolist()] != places:
+        raise ConfigError("fos: the weights hold other terms than the description")
+    return model.eval()

@@ -5,13 +5,15 @@ two columns of X = [1, lagged channels], so the correlations of all of them with
 the upper triangle of XᵀdiagvX: a matrix product, whose operands are one block of columns and X.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from navlearn.error_models.fos_options import FosOptions
-from navlearn.errors import ShapeError
+from navlearn.errors import ConfigError, ShapeError
 
 Term = tuple[tuple[int, int], ...]
 """Factors of a product as pairs of channel and lag; the output is the channel after the inputs."""
@@ -25,6 +27,20 @@ def factor_list(inputs: int, options: FosOptions) -> list[Term]:
     columns += [((c, lag),) for lag in range(options.lags + 1) for c in range(inputs)]
     columns += [((inputs, lag),) for lag in range(1, options.output_lags + 1)]
     return columns
+
+
+def read_terms(nested: Sequence[Any], inputs: int, options: FosOptions) -> tuple[Term, ...]:
+    """Return terms from nested lists of channel and lag.
+
+    Raises:
+        ConfigError: One is no candidate of these options.
+    """
+    known = factor_list(inputs, options)
+    terms: list[Term] = [tuple((c, lag) for c, lag in term) for term in nested]
+    for term in terms:
+        if len(term) > options.degree or any((factor,) not in known for factor in term):
+            raise ConfigError(f"fos: term {term} is no candidate of these options")
+    return tuple(terms)
 
 
 def lagged_columns(u: Tensor, y: Tensor, options: FosOptions) -> Tensor:

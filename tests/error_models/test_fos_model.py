@@ -1,7 +1,12 @@
+import json
+import re
+
 import pytest
 import torch
 
 from navlearn.error_models.base import ErrorModel
+from navlearn.error_models.fos import fos_description, fos_from_description
+from navlearn.error_models.fos_equation import coefficient_unit
 from navlearn.error_models.fos_fit import fit_fos
 from navlearn.error_models.fos_options import FosOptions
 from navlearn.errors import ConfigError, FitError, ShapeError
@@ -102,8 +107,9 @@ def test_equation_reads_as_the_model_does():
     values = [f"{value:+.6g}" for value in result.model.coefficients.tolist()]
     assert text.startswith("error[k] = ")
     assert all(value in text for value in values)
-    assert "rad/(rad/s)/(m/s) · rate[k] · speed[k-1]" in text
-    assert "rad/(rad) · error[k-1]" in text
+    assert "s²/m · rate[k] · speed[k-1]" in text
+    assert " s · rate[k]" in text
+    assert re.search(r"[0-9] · error\[k-1\]", text)
     with pytest.raises(ConfigError):
         result.model.equation(("one",))
 
@@ -140,3 +146,51 @@ def test_white_noise_gives_a_model_that_says_zero():
     assert model.terms == ()
     assert bool((torch.jit.script(model)(u) == 0).all())
     assert model.equation() == "y[k] = 0"
+
+
+@pytest.mark.parametrize(
+    ("output", "factors", "unit"),
+    [
+        ("rad/s", [], "rad/s"),
+        ("rad/s", ["rad/s"], ""),
+        ("rad/s", ["rad/s", "rad/s"], "s/rad"),
+        ("rad", ["m/s²", "m/s²"], "rad·s⁴/m²"),
+        ("1", ["rad/s", "m/s²"], "s³/(rad·m)"),
+        ("rad per step", ["60 s"], "rad/(step·(60 s))"),
+        ("", ["1"], ""),
+    ],
+)
+def test_unit_of_a_coefficient(output, factors, unit):
+    assert coefficient_unit(output, factors) == unit
+
+
+@pytest.mark.parametrize("output_lags", [0, 1])
+def test_rebuilt_from_json_and_weights_predicts_the_same(output_lags):
+    result, u, _ = fitted(output_lags, ridge=1e-6)
+    model = result.model
+    description = json.loads(json.dumps(fos_description(model)))
+    other = fos_from_description(description, model.state_dict())
+    assert other.options == result.options
+    assert other.terms == model.terms
+    assert torch.equal(other(u[:50] * 2.0), model(u[:50] * 2.0))
+    assert torch.equal(other.variance, model.variance)
+    assert other.equation() == model.equation()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"terms": []},
+        {"terms": [[[0, 9]], [[0, 0]], [[0, 0], [1, 1]]]},
+        {"terms": [[[7, 0]]]},
+        {"terms": [[[0, 0]], [[2, 1]], [[0, 0], [1, 0]]]},
+        {"terms": "none"},
+        {"options": {"lags": 1, "colour": 3}},
+        {"options": {"lags": -1}},
+        {"inputs": None},
+    ],
+)
+def test_a_wrong_description_is_refused(change):
+    model = fitted()[0].model
+    with pytest.raises(ConfigError):
+        fos_from_description({**fos_description(model), **change}, model.state_dict())
