@@ -4,14 +4,15 @@ import math
 from collections.abc import Sequence
 
 
-def markdown_table(header: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
-    """Return a Markdown table; the first column is text, the others are figures.
+def markdown_table(header: Sequence[str], lines: Sequence[Sequence[str]], *, texts: int = 1) -> str:
+    """Return a Markdown table; the first columns are text, the others are figures.
 
     Args:
         header: Names of the columns.
         lines: Cells of every line.
+        texts: How many columns are text.
     """
-    rule = ["---", *(["---:"] * (len(header) - 1))]
+    rule = [*(["---"] * texts), *(["---:"] * (len(header) - texts))]
     return "\n".join("| " + " | ".join(cells) + " |" for cells in (header, rule, *lines)) + "\n"
 
 

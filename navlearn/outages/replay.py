@@ -15,6 +15,7 @@ from tqdm import tqdm
 
 from navlearn.errors import ConfigError, FilterDivergedError, FitError, LogError
 from navlearn.logs.drive_log import DriveLog
+from navlearn.outages.acting import verdict_columns
 from navlearn.outages.dynamics import classify_outage
 from navlearn.outages.known_log import known_log
 from navlearn.outages.metrics import (
@@ -135,6 +136,7 @@ def replay(
                     rows[key]["failure"] = outcome
                 else:
                     solutions[key] = outcome
+                    rows[key] |= verdict_columns(outcome.notes)
                     errors[key] = errors_over_time(outcome.table, track, outage)
                     rows[key] |= figures(errors[key], track, outage)
                 bar.update()
@@ -221,6 +223,7 @@ def _row_head(
         "satellites_visible": len(outage.satellites_visible),
         "azimuth_judged_by": track.azimuth_source,
         "failure": "",
+        **verdict_columns({}),
         **road_figures(track, outage),
     }
 

@@ -74,7 +74,8 @@ def test_predictor_page_shows_every_entry_of_the_metadata() -> None:
 def test_outage_page_shows_every_column_in_order() -> None:
     shown = [row[0].strip("`") for row in tables_of("docs/outages.md")["Figures"]]
     figures = [name for name in FIGURES if name not in HEAD]
-    assert shown == [*HEAD, "satellites_visible", "azimuth_judged_by", *figures, "failure"]
+    verdict = ("satellites_visible", "azimuth_judged_by", "used", "reason")
+    assert shown == [*HEAD, *verdict, *figures, "failure"]
 
 
 def test_outage_page_shows_every_placement() -> None:
