@@ -1,6 +1,7 @@
 """Error models on disk: weights as tensors, everything else as JSON text, no code.
 
-A file is read with ``weights_only``: opening one from a stranger runs nothing.
+A file is read with ``weights_only``: opening one from a stranger runs nothing. What is special
+to a kind of model stands in ``storage_kinds``.
 """
 
 import json
@@ -10,19 +11,16 @@ from typing import Any
 
 import torch
 
-from navlearn.error_models.anarx import Anarx, AnarxOptions
 from navlearn.error_models.base import (
     FittedErrorModel,
     TrainingCurves,
     TrainingRecord,
     TrainingSource,
 )
+from navlearn.error_models.storage_kinds import KINDS
 from navlearn.errors import ConfigError, LogNotFoundError, OutputExistsError
 
 FORMAT = "navlearn error model 1"
-
-KIND = "anarx"
-"""The one kind that can be read back, and so the one that is written."""
 
 
 def save_error_model(fitted: FittedErrorModel, path: Path, *, force: bool = False) -> None:
@@ -38,19 +36,21 @@ def save_error_model(fitted: FittedErrorModel, path: Path, *, force: bool = Fals
         ConfigError: The model is of a kind that could not be read back.
     """
     path = Path(path)
-    if fitted.kind != KIND:
+    if fitted.kind not in KINDS:
         raise ConfigError(
-            f"{path}: models of kind {fitted.kind!r} cannot be saved yet, only {KIND!r}; nothing "
-            "was written. Keep the data and options that it was fitted with"
+            f"{path}: models of kind {fitted.kind!r} cannot be saved, only {', '.join(KINDS)}; "
+            "nothing was written. Keep the data and options that it was fitted with"
         )
     if path.exists() and not force:
         raise OutputExistsError(f"{path}: exists already; pass force=True to overwrite it")
+    kind = KINDS[fitted.kind]
     about = {
         "format": FORMAT,
         "kind": fitted.kind,
-        "options": asdict(fitted.options),
+        "description": kind.describe(fitted.model),
         "record": asdict(fitted.record),
         "curves": asdict(fitted.curves),
+        "own": {name: getattr(fitted, name) for name in kind.own},
     }
     path.parent.mkdir(parents=True, exist_ok=True)
     torch.save({"about": json.dumps(about), "weights": fitted.model.state_dict()}, path)
@@ -64,7 +64,7 @@ def load_error_model(path: Path) -> FittedErrorModel:
 
     Raises:
         LogNotFoundError: There is no such file.
-        ConfigError: The file is no error model, or of a kind that is not known here.
+        ConfigError: The file is no error model, of a kind that is not known here, or damaged.
     """
     path = Path(path)
     if not path.exists():
@@ -77,22 +77,33 @@ def load_error_model(path: Path) -> FittedErrorModel:
         raise ConfigError(
             f"{path}: not a navlearn error model ({type(error).__name__}: {error})"
         ) from error
-    if about.get("format") != FORMAT or about.get("kind") != KIND:
+    if about.get("format") != FORMAT or about.get("kind") not in KINDS:
         raise ConfigError(
             f"{path}: format {about.get('format')!r}, kind {about.get('kind')!r}; expected "
-            f"{FORMAT!r} and {KIND!r}; read it with the navlearn that wrote it"
+            f"{FORMAT!r} and one of {', '.join(KINDS)}; read it with the navlearn that wrote it"
         )
-    options = AnarxOptions(**about["options"])
-    model = Anarx(options)
-    model.set_variance(weights["variance"])
-    model.load_state_dict(weights)
-    model.eval()
-    return FittedErrorModel(
+    try:
+        return _rebuilt(about, weights)
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise ConfigError(
+            f"{path}: a model of kind {about['kind']!r} that cannot be rebuilt "
+            f"({type(error).__name__}: {error}); save it again"
+        ) from error
+
+
+def _rebuilt(about: dict[str, Any], weights: dict[str, torch.Tensor]) -> FittedErrorModel:
+    """Return the model that a file describes."""
+    kind = KINDS[about["kind"]]
+    # Earlier files hold networks alone, which their options describe.
+    description = about["description"] if "description" in about else about["options"]
+    model: Any = kind.rebuild(description, weights).eval()
+    return kind.fitted(
         kind=about["kind"],
         model=model,
-        options=options,
+        options=model.options,
         record=_record(about["record"]),
         curves=TrainingCurves(**{k: tuple(v) for k, v in about["curves"].items()}),
+        **{name: about["own"][name] for name in kind.own},
     )
 
 
