@@ -7,7 +7,8 @@ from scipy import stats
 
 from navlearn.errors import ConfigError
 from navlearn.outages.bootstrap import bootstrap_interval, improvement, tail_probability
-from navlearn.outages.statistics import averages, compare, method_table, verdict_of
+from navlearn.outages.method_table import method_table
+from navlearn.outages.statistics import averages, compare, verdict_of
 
 METRIC = "max_horizontal_error_m"
 

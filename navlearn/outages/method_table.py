@@ -1,0 +1,62 @@
+"""One row per method: averages, comparisons with baselines, and the share of the oracle's gain."""
+
+import pandas as pd
+
+from navlearn.outages.oracle_share import share_of_oracle
+from navlearn.outages.roles import ORACLE
+from navlearn.outages.statistics import HEADLINE, averages, compare
+
+
+def method_table(
+    rows: pd.DataFrame,
+    *,
+    baselines: tuple[str, ...] = ("ekf", "ekf_plain"),
+    metric: str = HEADLINE,
+    confidence: float = 0.95,
+    resamples: int = 5000,
+    seed: int = 0,
+) -> pd.DataFrame:
+    """Return one row per method: averages, and its comparison with every baseline.
+
+    Args:
+        rows: Table of outages, as ``outages.csv``.
+        baselines: Methods to compare with; those not in the table are left out.
+        metric: Column to judge by.
+        confidence: Of the intervals.
+        resamples: Bootstrap draws.
+        seed: Of the draws.
+
+    Returns:
+        ``method``, ``outages``, ``failed``, ``mean``, ``median``, ``p90``; then per baseline
+        the fields of :class:`~navlearn.outages.statistics.Comparison`, each followed by ``_vs_``
+        and the baseline's name; then, where there is an oracle, ``oracle_share_percent``,
+        ``oracle_share_low_percent`` and ``oracle_share_high_percent``, counted from the first
+        baseline; empty (NaN) where a method would be compared with itself.
+
+    Raises:
+        ConfigError: The metric is not in the table, or an outage comes twice.
+    """
+    present = [name for name in baselines if (rows["method"] == name).any()]
+    measured = bool(present) and (rows["method"] == ORACLE).any()
+    table = []
+    for method in rows["method"].unique():
+        line: dict[str, object] = {"method": method, **vars(averages(rows, method, metric))}
+        for baseline in present:
+            if method != baseline:
+                found = compare(
+                    rows, method, baseline, metric=metric,
+                    confidence=confidence, resamples=resamples, seed=seed,
+                )  # fmt: skip
+                line |= {f"{key}_vs_{baseline}": value for key, value in vars(found).items()}
+        if measured and method not in (present[0], ORACLE):
+            share = share_of_oracle(
+                rows, method, present[0], metric=metric,
+                confidence=confidence, resamples=resamples, seed=seed,
+            )  # fmt: skip
+            line |= {
+                "oracle_share_percent": share.share_percent,
+                "oracle_share_low_percent": share.low_percent,
+                "oracle_share_high_percent": share.high_percent,
+            }
+        table.append(line)
+    return pd.DataFrame(table)

@@ -1,0 +1,117 @@
+"""What share of the oracle's gain a method reached: its real score in simulation.
+
+Of the gap between the baseline and what no method can pass, the share that a method closed. A
+ratio of two differences, so it means nothing where the oracle's own gain is not clear of zero.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from navlearn.outages.bootstrap import resampled_sums, tail_probability
+from navlearn.outages.roles import ORACLE
+from navlearn.outages.statistics import HEADLINE, column, compare, units_of
+from navlearn.outages.track import Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class OracleShare:
+    """The share of the oracle's gain that a method reached.
+
+    Attributes:
+        share_percent: 100 (baseline − method) / (baseline − oracle), of mean errors; NaN where
+            it is not known.
+        low_percent: Lower end of its interval.
+        high_percent: Upper end of its interval.
+        outages: Outages that baseline, method and oracle all finished.
+        unknown_because: Why there is no share; empty where there is one.
+    """
+
+    share_percent: float
+    low_percent: float
+    high_percent: float
+    outages: int
+    unknown_because: str = ""
+
+
+def share_of_oracle(
+    rows: pd.DataFrame,
+    method: str,
+    baseline: str = "ekf",
+    *,
+    metric: str = HEADLINE,
+    confidence: float = 0.95,
+    resamples: int = 5000,
+    seed: int = 0,
+) -> OracleShare:
+    """Return the share of the oracle's gain over a baseline that a method reached.
+
+    Args:
+        rows: Table of outages, as ``outages.csv``.
+        method: Name of the method.
+        baseline: Where the gain is counted from.
+        metric: Column to judge by; smaller is better, never negative.
+        confidence: Of the interval.
+        resamples: Bootstrap draws.
+        seed: Of the draws.
+
+    Raises:
+        ConfigError: The method, the baseline or the metric is not in the table.
+    """
+    names = set(rows["method"].unique())
+    if ORACLE not in names or baseline not in names:
+        missing = ORACLE if ORACLE not in names else baseline
+        return _unknown(0, f"there is no `{missing}` to measure by")
+    values = pd.concat(
+        [column(rows, name, metric) for name in (baseline, method, ORACLE)], axis=1
+    ).dropna()
+    units, _ = units_of(values.index)
+    limit = compare(
+        rows, ORACLE, baseline, metric=metric,
+        confidence=confidence, resamples=resamples, seed=seed,
+    )  # fmt: skip
+    if limit.verdict != "helps" or len(values) == 0:
+        return _unknown(len(values), "the oracle's own gain is not clear of zero")
+    figures = values.to_numpy()
+    gains = _gains(figures.sum(axis=0, keepdims=True))[0]
+    sums = resampled_sums(figures, units, resamples=resamples, seed=seed)
+    tail = tail_probability(np.unique(units).size, confidence)
+    low, high = _ends(_gains(sums), tail)
+    return OracleShare(
+        share_percent=100.0 * float(gains[0] / gains[1]) if gains[1] > 0.0 else math.nan,
+        low_percent=low,
+        high_percent=high,
+        outages=len(values),
+    )
+
+
+def _gains(sums: Array) -> Array:
+    """Return what method and oracle gain, from sums of baseline, method, oracle, shape (..., 3)."""
+    return np.asarray(sums[:, :1] - sums[:, 1:])
+
+
+def _ends(gains: Array, tail: float) -> tuple[float, float]:
+    """Return the ends of the share's interval, %, from both gains in every draw.
+
+    A draw in which the oracle gains nothing could stand for any share: it counts as worse than
+    all others at the lower end and as better than all others at the upper one.
+    """
+    mine, limit = gains.T
+    sound = limit > 0.0
+    share = 100.0 * mine / np.where(sound, limit, 1.0)
+    left_out = int(tail * share.size)
+    low = np.sort(np.where(sound, share, -math.inf))[left_out]
+    high = np.sort(np.where(sound, share, math.inf))[-1 - left_out]
+    return tuple(float(end) if math.isfinite(end) else math.nan for end in (low, high))  # type: ignore[return-value]
+
+
+def _unknown(outages: int, why: str) -> OracleShare:
+    return OracleShare(
+        share_percent=math.nan,
+        low_percent=math.nan,
+        high_percent=math.nan,
+        outages=outages,
+        unknown_because=why,
+    )
