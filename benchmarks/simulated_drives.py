@@ -16,7 +16,7 @@ import pandas as pd
 import torch
 
 from navlearn.experiment.drive import prepare_drive
-from navlearn.experiment.run import build_methods
+from navlearn.experiment.methods import build_methods
 from navlearn.logs.formats.native import save_log
 from navlearn.logs.synthetic import simulate_drive
 from navlearn.outages.replay import replay

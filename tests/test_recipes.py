@@ -9,8 +9,8 @@ from navlearn.errors import LogNotFoundError
 from navlearn.experiment import run_recipe
 from navlearn.logs.descriptor import load_descriptor
 from navlearn.logs.reading import read_log
-from navlearn.recipe import ModelSpec, Recipe, load_recipe, load_spec
-from navlearn.recipe.spec import SafeguardSpec
+from navlearn.recipe import AnarxSpec, Recipe, load_recipe, load_spec
+from navlearn.recipe.spec_base import SafeguardSpec
 
 ROOT = Path(__file__).resolve().parents[1]
 RECIPES = sorted((ROOT / "training").glob("*.yaml"))
@@ -67,12 +67,12 @@ def test_spec_parses_and_has_a_card(path: Path) -> None:
 
 def test_shipped_anarx_is_the_one_that_needs_no_file() -> None:
     shipped = load_spec(ROOT / "models" / "anarx.yaml")
-    assert shipped.model_copy(update={"question": ""}) == ModelSpec(name="anarx")
+    assert shipped.model_copy(update={"question": ""}) == AnarxSpec(name="anarx")
 
 
 def test_shipped_anarx_writes_out_every_key() -> None:
     written = yaml.safe_load((ROOT / "models" / "anarx.yaml").read_text(encoding="utf-8"))
-    assert set(written) == set(ModelSpec.model_fields) - {"notes"}
+    assert set(written) == set(AnarxSpec.model_fields) - {"notes"}
     assert set(written["safeguard"]) == set(SafeguardSpec.model_fields)
 
 

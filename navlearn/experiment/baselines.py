@@ -54,19 +54,20 @@ class FilterRuns:
         self._made: dict[tuple[str, str], tuple[RissTimeline, Navigator, NavigatorRun]] = {}
 
     def run(
-        self, log: DriveLog, method: str = "ekf"
+        self, log: DriveLog, options: EkfOptions | None = None
     ) -> tuple[RissTimeline, Navigator, NavigatorRun]:
         """Return timeline, navigator and run of a log.
 
         Args:
             log: The drive up to an outage's end, without fixes from its start.
-            method: Which filter.
+            options: Which filter; None is the recipe's honest one.
         """
+        chosen = filter_options(self.recipe, log=log) if options is None else options
         # By what is in it: a log that lacks one more fix must not get the run of another.
-        key = (PLAIN.get(method, "ekf"), log_fingerprint(log))
+        key = (repr(chosen), log_fingerprint(log))
         if key not in self._made:
             timeline = timeline_of(log, self.recipe)
-            navigator = Navigator(NavigatorOptions(filter=filter_options(self.recipe, method, log)))
+            navigator = Navigator(NavigatorOptions(filter=chosen))
             run = navigator.run(timeline.samples, timeline.fixes, timeline.timing)
             self._made[key] = (timeline, navigator, run)
         return self._made[key]
@@ -85,7 +86,8 @@ class FilterMethod:
             log: The drive up to the outage's end, without fixes from its start.
             outage: The outage.
         """
-        timeline, _, run = self.runs.run(log, self.method)
+        options = filter_options(self.runs.recipe, self.method, log)
+        timeline, _, run = self.runs.run(log, options)
         return Solution(
             table=believed_table(timeline.t[run.first :], believed(run.history), outage)
         )

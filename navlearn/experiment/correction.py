@@ -6,7 +6,7 @@ from torch import Tensor
 from navlearn.error_models.base import FittedErrorModel
 from navlearn.learning.pseudo_outages import PseudoOutages, step_regressors
 from navlearn.navigator import Navigator, without_position_error
-from navlearn.recipe.spec import ModelSpec
+from navlearn.recipe.anarx_spec import AnarxSpec
 from navlearn.states import RissSample, Trajectory
 
 
@@ -24,7 +24,7 @@ def regressors_through(samples: RissSample, inputs: tuple[str, ...], block: int)
     return step_regressors(_whole_steps(samples, block), inputs, block)
 
 
-def predict(fitted: FittedErrorModel, spec: ModelSpec, samples: RissSample, block: int) -> Tensor:
+def predict(fitted: FittedErrorModel, spec: AnarxSpec, samples: RissSample, block: int) -> Tensor:
     """Return what a model says of every sample through an outage that starts with them.
 
     Args:
@@ -66,7 +66,7 @@ def without_predicted_position_error(
 
 
 def correct(
-    fitted: FittedErrorModel, spec: ModelSpec, navigator: Navigator, outages: PseudoOutages
+    fitted: FittedErrorModel, spec: AnarxSpec, navigator: Navigator, outages: PseudoOutages
 ) -> Trajectory:
     """Return emulated outages with the model's prediction taken off.
 

@@ -24,7 +24,7 @@ from navlearn.learning.pseudo_outages import (
 from navlearn.learning.windows import Windows, select_windows
 from navlearn.navigator import Navigator, NavigatorRun
 from navlearn.recipe import Recipe
-from navlearn.recipe.spec import ModelSpec
+from navlearn.recipe.anarx_spec import AnarxSpec
 from navlearn.states import Trajectory
 
 SHARES = (0.6, 0.8)
@@ -87,7 +87,7 @@ def split_by_time(outages: PseudoOutages, gap: float) -> tuple[Tensor, Tensor, T
 
 def learn(
     recipe: Recipe,
-    spec: ModelSpec,
+    spec: AnarxSpec,
     navigator: Navigator,
     run: NavigatorRun,
     *,
@@ -157,7 +157,7 @@ def learn(
 
 def adopt(
     recipe: Recipe,
-    spec: ModelSpec,
+    spec: AnarxSpec,
     navigator: Navigator,
     run: NavigatorRun,
     *,
@@ -210,7 +210,7 @@ def adopt(
 
 
 def judge_on(
-    fitted: FittedErrorModel, spec: ModelSpec, navigator: Navigator, outages: PseudoOutages
+    fitted: FittedErrorModel, spec: AnarxSpec, navigator: Navigator, outages: PseudoOutages
 ) -> GateVerdict:
     """Return whether a model helped on emulated outages that it has not seen.
 

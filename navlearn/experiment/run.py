@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -14,25 +14,19 @@ import yaml
 
 from navlearn.error_models.storage import save_error_model
 from navlearn.errors import ConfigError, LogNotFoundError
-from navlearn.experiment.baselines import (
-    PLAIN,
-    DeadReckoning,
-    FilterMethod,
-    FilterRuns,
-    filter_options,
-)
+from navlearn.experiment.baselines import PLAIN, filter_options
 from navlearn.experiment.drive import Drive, prepare_drive
 from navlearn.experiment.learned import Learned
-from navlearn.experiment.learned_method import LearnedMethod
+from navlearn.experiment.methods import build_methods
 from navlearn.experiment.summary import run_summary
 from navlearn.export.example import save_example
 from navlearn.outages.maps import Scene
 from navlearn.outages.output import OutputFolder, prepare_output_folder
-from navlearn.outages.replay import Method, replay
+from navlearn.outages.replay import replay
 from navlearn.outages.results import write_results
 from navlearn.outages.tables import summary_content
 from navlearn.recipe import Recipe
-from navlearn.recipe.document import BASELINES
+from navlearn.recipe.fixed_methods import FIXED_METHODS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,27 +60,6 @@ def check_recipe(recipe: Recipe) -> None:
             f"{recipe.filter['model']} carries velocity as a state; take another filter model or "
             "leave the error models out"
         )
-
-
-def build_methods(
-    recipe: Recipe, keep: Callable[[str, Learned], None] | None = None
-) -> dict[str, Method]:
-    """Return the methods that a recipe compares, in its order.
-
-    Args:
-        recipe: The recipe.
-        keep: Called with the name of each model and every fit of it.
-    """
-    runs = FilterRuns(recipe)
-    methods: dict[str, Method] = {}
-    for name in recipe.methods:
-        if name == "dead_reckoning":
-            methods[name] = DeadReckoning(recipe)
-        elif name in BASELINES:
-            methods[name] = FilterMethod(runs, name)
-        else:
-            methods[name] = LearnedMethod(runs, recipe.model(name), keep)
-    return methods
 
 
 def run_recipe(
@@ -144,14 +117,14 @@ def _settings(recipe: Recipe, drive: Drive) -> dict[str, object]:
     }
     settings: dict[str, object] = {}
     for name in recipe.methods:
-        if name in BASELINES:
+        if name in FIXED_METHODS:
             settings[name] = {**shared, "model": PLAIN.get(name, name)}
         else:
             spec = recipe.model(name)
             settings[name] = {
                 **shared,
                 "model": spec.model_dump(mode="json"),
-                "trained": "" if spec.trained is None else _digest(spec.trained),
+                "trained": "".join(_digest(path) for path in spec.files()),
                 "training": recipe.training.model_dump(mode="json"),
             }
     return settings

@@ -13,14 +13,9 @@ from navlearn.outages.replay import Replay
 from navlearn.outages.run_summary import DriveSummary, MethodSummary, RunSummary
 from navlearn.outages.track import driven, track_of
 from navlearn.recipe import Recipe
-from navlearn.recipe.document import BASELINES
-from navlearn.recipe.spec import ModelSpec
-
-DESCRIPTIONS = {
-    "dead_reckoning": "last fix, last course, bias of the last two minutes; then mechanization",
-    "ekf_plain": "the filter without a gyro bias state, what papers often compare with",
-    "ekf": "the honest filter: position, azimuth, gyro bias, odometer scale; tuned, gated",
-}
+from navlearn.recipe.anarx_spec import AnarxSpec
+from navlearn.recipe.fixed_methods import FIXED_METHODS
+from navlearn.recipe.spec_base import SpecBase
 
 
 def run_summary(
@@ -41,18 +36,25 @@ def run_summary(
         drives=(_drive_summary(drive),),
         protocol=recipe.outages.protocol(),
         methods={
-            name: MethodSummary(description=DESCRIPTIONS[name])
-            if name in BASELINES
+            name: MethodSummary(**FIXED_METHODS[name]._asdict())
+            if name in FIXED_METHODS
             else _learned_summary(recipe.model(name), found)
             for name in recipe.methods
         },
         rows=found.rows,
         command=f"navlearn run {shlex.quote(str(folder / 'recipe.yaml'))} --out NEW_FOLDER",
         versions=versions,
-        seeds={"recipe": recipe.seed, **{spec.name: spec.seed for spec in recipe.models}},
+        seeds=_seeds(recipe),
         baselines=tuple(name for name in ("ekf", "ekf_plain") if name in recipe.methods),
         setup=_setup(recipe, drive),
     )
+
+
+def _seeds(recipe: Recipe) -> dict[str, int]:
+    seeds = {"recipe": recipe.seed}
+    for spec in recipe.models:
+        seeds |= spec.seeds
+    return seeds
 
 
 def _drive_summary(drive: Drive) -> DriveSummary:
@@ -78,10 +80,11 @@ def _setup(recipe: Recipe, drive: Drive) -> tuple[str, ...]:
         f"filter: the package's defaults {told}; the same for every method",
         *drive.notes,
     ]
-    if any(spec.trained is None for spec in recipe.models):
+    anarx = [spec for spec in recipe.models if isinstance(spec, AnarxSpec)]
+    if any(spec.trained is None for spec in anarx):
         past = "whole past" if training.window_s is None else f"last {training.window_s:g} s"
         lines.append(
-            f"training: for each outage anew on its drive's {past}, on outages of "
+            f"training of ANARX: for each outage anew on its drive's {past}, on outages of "
             f"{training.horizon_s:g} s emulated every {training.restart_every_s:g} s, in steps of "
             f"{training.step_s:g} s: the first {SHARES[0]:.0%} of the time to fit, up to "
             f"{SHARES[1]:.0%} to stop by, the rest for the gate; what passes is fitted once more "
@@ -90,7 +93,7 @@ def _setup(recipe: Recipe, drive: Drive) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def _learned_summary(spec: ModelSpec, found: Replay) -> MethodSummary:
+def _learned_summary(spec: SpecBase, found: Replay) -> MethodSummary:
     mine = [one.notes for (name, _), one in found.solutions.items() if name == spec.name]
     used = sum(bool(notes.get("used")) for notes in mine)
     gains = [
@@ -104,13 +107,10 @@ def _learned_summary(spec: ModelSpec, found: Replay) -> MethodSummary:
     if known:
         middle = float(pd.Series(known).median())
         notes.append(f"median improvement on the gate's emulated outages {middle:+.1f} %")
-    unfitted = {str(one["reason"]) for one in mine if "gate_replays" not in one}
+    unfitted = {str(one["reason"]) for one in mine if not one.get("fitted", "gate_replays" in one)}
     notes += [f"could not be fitted: {reason}" for reason in sorted(unfitted)]
     return MethodSummary(
-        description=(
-            f"the honest filter, through the outage less what {spec.type.upper()} predicts "
-            f"({spec.acts_on}, inputs {', '.join(spec.inputs)})"
-        ),
-        regime="online" if spec.trained is None else "other-drives",
+        description=spec.describe(),
+        regime=spec.regime,
         notes=tuple(notes),
     )

@@ -14,6 +14,7 @@ from navlearn.experiment.run import check_recipe, save_learned
 from navlearn.navigator import Navigator, NavigatorOptions
 from navlearn.outages.output import prepare_output_folder
 from navlearn.recipe import Recipe
+from navlearn.recipe.anarx_spec import AnarxSpec
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,8 +49,13 @@ def train_recipe(
         FitError: The drive is too short to learn from.
         OutputExistsError: The folder holds a finished run, or files that no run wrote.
     """
-    if not recipe.models:
-        raise ConfigError(f"recipe {recipe.name}: it names no models; there is nothing to train")
+    specs = [spec for spec in recipe.models if isinstance(spec, AnarxSpec)]
+    if not specs:
+        found = ", ".join(spec.name for spec in recipe.models) or "no models"
+        raise ConfigError(
+            f"recipe {recipe.name}: it names {found}; only ANARX is trained on one drive for use "
+            "on another, the others learn on the drive itself: give them to navlearn evaluate"
+        )
     check_recipe(recipe)
     log, _ = set_clocks(open_log(recipe), recipe, float("inf"))
     timeline = timeline_of(log, recipe)
@@ -60,7 +66,7 @@ def train_recipe(
     output.claim("recipe.yaml").write_text(text, encoding="utf-8")
     torch.manual_seed(recipe.seed)
     models = {}
-    for spec in recipe.models:
+    for spec in specs:
         models[spec.name] = learn(
             recipe,
             spec,

@@ -17,6 +17,7 @@ from navlearn.errors import ConfigError
 from navlearn.logs.nearest import nearest_hint
 from navlearn.outages.schedule import parse_outages
 from navlearn.recipe.filter_options import checked_filter, ekf_options
+from navlearn.recipe.fixed_methods import BASELINES, FIXED_METHODS
 from navlearn.recipe.sections import (
     CalibrationSection,
     LogSource,
@@ -24,15 +25,13 @@ from navlearn.recipe.sections import (
     OutageSection,
     TrainingSection,
 )
-from navlearn.recipe.spec import ModelSpec, PlainName, Seed, load_spec
+from navlearn.recipe.spec import BUILT_IN, ModelSpec, load_spec
+from navlearn.recipe.spec_base import PlainName, Seed
 from navlearn.recipe.strict import Section, parse
 from navlearn.recipe.yaml_file import YamlFile, read_yaml
 
 if TYPE_CHECKING:
     from navlearn.fusion.options import EkfOptions
-
-BASELINES: Final = ("dead_reckoning", "ekf_plain", "ekf")
-"""Methods that learn nothing."""
 
 ANY_ODOMETER: Final = ("scale", "delay", "offset")
 """Odometer errors that the filter estimates where nothing is known of the odometer."""
@@ -50,7 +49,8 @@ class Recipe(Section):
         question: The question that the recipe answers, in one sentence.
         log: The drive.
         models: Specs of the error models.
-        methods: What is compared: baselines and names of models.
+        methods: What is compared: names of :data:`FIXED_METHODS`, of ``models``, and of models
+            that are built in.
         mechanization: How the car is dead-reckoned.
         filter: Options of the filter that differ from their defaults, by name.
         outages: Where GNSS is taken away.
@@ -71,15 +71,29 @@ class Recipe(Section):
     calibration: CalibrationSection = CalibrationSection()
     seed: Seed = 0
 
+    @model_validator(mode="before")
+    @classmethod
+    def _built_in_models(cls, content: Any) -> Any:
+        """Add the specs of models that a method's name alone calls for."""
+        if not isinstance(content, dict) or not isinstance(content.get("methods"), list | tuple):
+            return content
+        given = content.get("models", ())
+        if not isinstance(given, list | tuple):
+            return content
+        names = [_name_of(one) for one in given]
+        called = [spec for spec in BUILT_IN.values() if spec.name not in names]
+        called = [spec for spec in called if spec.name in content["methods"]]
+        return {**content, "models": [*given, *called]} if called else content
+
     @model_validator(mode="after")
     def _methods_exist(self) -> "Recipe":
         names = [spec.name for spec in self.models]
         for name in names:
-            if name in BASELINES:
-                raise ValueError(f"a model cannot be named {name!r}: that is a baseline's name")
+            if name in FIXED_METHODS:
+                raise ValueError(f"a model cannot be named {name!r}: that method needs no model")
             if names.count(name) > 1:
                 raise ValueError(f"two models are named {name!r}; give each its own name")
-        known = [*BASELINES, *names]
+        known = list(dict.fromkeys([*FIXED_METHODS, *BUILT_IN, *names]))
         for method in self.methods:
             if method not in known:
                 raise ValueError(
@@ -148,7 +162,7 @@ def recipe_for(
         log: Log file or folder; a ``.yaml`` file is taken for a descriptor.
         format: Reader of the log; None for navlearn's own or a descriptor.
         outages: Count and length, such as "10x60": ten outages of 60 s.
-        methods: Baselines and model names; ``anarx`` needs no spec file.
+        methods: Names of :data:`FIXED_METHODS`, of built-in models, and of models in ``models``.
         models: Spec files of further models.
         **sections: Further entries of :class:`Recipe`, as plain values; ``outages`` options
             beside count and length go into ``outage_options``. Without a ``filter`` of its own
@@ -159,8 +173,6 @@ def recipe_for(
     """
     count, duration = parse_outages(outages)
     specs = [load_spec(path) for path in models]
-    if "anarx" in methods and all(spec.name != "anarx" for spec in specs):
-        specs.append(ModelSpec(name="anarx"))
     protocol = {"count": count, "duration_s": duration, **sections.pop("outage_options", {})}
     content = {
         "name": re.sub(r"[^A-Za-z0-9_.-]", "_", Path(log).stem).lstrip("_.-") or "evaluation",
@@ -174,6 +186,10 @@ def recipe_for(
         **sections,
     }
     return parse(Recipe, content, file="evaluate")
+
+
+def _name_of(spec: Any) -> Any:
+    return spec.get("name") if isinstance(spec, dict) else getattr(spec, "name", None)
 
 
 def _source(log: Path, format: str | None) -> dict[str, Any]:

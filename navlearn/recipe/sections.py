@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from navlearn.outages.schedule import OutageProtocol
-from navlearn.recipe.spec import Count, NotNegative, Positive, Seed
+from navlearn.recipe.spec_base import Count, NotNegative, Positive, Seed
 from navlearn.recipe.strict import Section
 
 Dynamics = Literal["straight", "turn", "stop", "motorway", "hill"]

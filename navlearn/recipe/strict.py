@@ -42,7 +42,7 @@ def parse(section: type[S], content: Mapping[str, Any], *, file: YamlFile | str)
 
 
 def _finding(section: type[Section], details: ErrorDetails, file: YamlFile | str) -> str:
-    key_path = tuple(details["loc"])
+    key_path = _untagged(section, tuple(details["loc"]))
     where = file if isinstance(file, str) else file.where(key_path)
     return f"{where}: {_explain(section, key_path, details)}"
 
@@ -51,13 +51,18 @@ def _explain(section: type[Section], key_path: KeyPath, details: ErrorDetails) -
     name = _dotted(key_path)
     kind, value = details["type"], details["input"]
     if kind == "extra_forbidden":
-        known = _known_keys(section, key_path[:-1])
+        known = _known_keys(section, tuple(details["loc"])[:-1])
         place = f" in {_dotted(key_path[:-1])}" if key_path[:-1] else ""
         key = str(key_path[-1])
         return f"unknown key {key!r}{place}{nearest_hint(key, known)}; known: {', '.join(known)}"
     if kind == "missing":
         return f"the key {name!r} is missing; it must be given"
     context = details.get("ctx", {})
+    if kind == "union_tag_invalid":
+        tag, known = str(context["tag"]), _quoted(str(context["expected_tags"]))
+        return (
+            f"{name}.type is {tag!r}; expected one of {', '.join(known)}{nearest_hint(tag, known)}"
+        )
     if kind == "literal_error":
         hint = nearest_hint(str(value), _quoted(str(context["expected"])))
         return f"{name} is {value!r}; expected {context['expected']}{hint}"
@@ -79,20 +84,39 @@ def _dotted(key_path: KeyPath) -> str:
 
 def _known_keys(section: type[Section], key_path: KeyPath) -> list[str]:
     """Return the keys of the section that a path leads to."""
-    current = section
+    candidates = [section]
     for key in key_path:
-        if isinstance(key, str):
-            field = current.model_fields[key]
-            current = _section_in(field.annotation) or current
-    return list(current.model_fields)
+        if isinstance(key, int):
+            continue
+        tagged = [one for one in candidates if len(candidates) > 1 and _tag_of(one) == key]
+        candidates = tagged or _sections_in(candidates[0].model_fields[key].annotation)
+    return list(candidates[0].model_fields)
 
 
-def _section_in(annotation: Any) -> type[Section] | None:
-    """Return the section that a field's type holds, looking into lists and unions."""
+def _untagged(section: type[Section], key_path: KeyPath) -> KeyPath:
+    """Return a path without the tags by which unions of sections are told apart."""
+    candidates, kept = [section], list[str | int]()
+    for key in key_path:
+        if isinstance(key, int):
+            kept.append(key)
+            continue
+        tagged = [one for one in candidates if len(candidates) > 1 and _tag_of(one) == key]
+        if tagged:
+            candidates = tagged
+            continue
+        kept.append(key)
+        field = next((one.model_fields[key] for one in candidates if key in one.model_fields), None)
+        candidates = _sections_in(field.annotation) if field is not None else []
+    return tuple(kept)
+
+
+def _tag_of(section: type[Section]) -> str | None:
+    field = section.model_fields.get("type")
+    return None if field is None else str(typing.get_args(field.annotation)[0])
+
+
+def _sections_in(annotation: Any) -> list[type[Section]]:
+    """Return the sections that a field's type holds, looking into lists and unions."""
     if inspect.isclass(annotation) and issubclass(annotation, Section):
-        return annotation
-    for inner in typing.get_args(annotation):
-        found = _section_in(inner)
-        if found is not None:
-            return found
-    return None
+        return [annotation]
+    return [found for inner in typing.get_args(annotation) for found in _sections_in(inner)]

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from navlearn.experiment.drive import prepare_drive, set_clocks
-from navlearn.experiment.run import build_methods
+from navlearn.experiment.methods import build_methods
 from navlearn.logs.drive_log import DriveLog
 from navlearn.outages.replay import Replay, replay
 from navlearn.outages.schedule import Outage

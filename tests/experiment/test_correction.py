@@ -28,7 +28,7 @@ from navlearn.learning.pseudo_outages import (
 )
 from navlearn.logs.drive_log import DriveLog
 from navlearn.navigator import Navigator, NavigatorOptions
-from navlearn.recipe import ModelSpec, Recipe
+from navlearn.recipe import AnarxSpec, Recipe
 from navlearn.states import RissSample, Trajectory
 
 MakeRecipe = Callable[..., Recipe]
@@ -69,8 +69,8 @@ def outages(navigator: Navigator, make_recipe: MakeRecipe, short_drive: DriveLog
     return emulate_outages(navigator, spoilt, PseudoOutageOptions(horizon=30.0))
 
 
-def spec(acts_on: str) -> ModelSpec:
-    return ModelSpec.model_validate({"name": "knows", "acts_on": acts_on, "inputs": ["yaw_rate"]})
+def spec(acts_on: str) -> AnarxSpec:
+    return AnarxSpec.model_validate({"name": "knows", "acts_on": acts_on, "inputs": ["yaw_rate"]})
 
 
 def errors(outages: PseudoOutages, better: Trajectory, acts_on: str) -> Tensor:

@@ -12,14 +12,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from navlearn.error_models.anarx import Anarx
-from navlearn.experiment.baselines import FilterMethod, FilterRuns
+from navlearn.experiment.anarx_method import AnarxMethod, last_fix
+from navlearn.experiment.baselines import FilterMethod, FilterRuns, filter_options
 from navlearn.experiment.learned import (
     Learned,
     learn,
     pseudo_outage_options,
     split_by_time,
 )
-from navlearn.experiment.learned_method import LearnedMethod, last_fix
 from navlearn.export import describe
 from navlearn.export.reading import LoadedPredictor
 from navlearn.export.replay import predict_drive
@@ -90,9 +90,7 @@ def test_the_training_section_reaches_the_emulated_outages(make_recipe: MakeReci
 
 def solve(recipe: Recipe, log: DriveLog) -> tuple[pd.DataFrame, dict[str, object], list[Learned]]:
     kept: list[Learned] = []
-    method = LearnedMethod(
-        FilterRuns(recipe), recipe.model("tiny"), lambda _, one: kept.append(one)
-    )
+    method = AnarxMethod(FilterRuns(recipe), recipe.model("tiny"), lambda _, one: kept.append(one))
     found = method.predict(known_log(log, OUTAGE), OUTAGE)
     check_solution(found.table, OUTAGE)
     return found.table, dict(found.notes), kept
@@ -176,7 +174,7 @@ def test_runs_are_shared_by_what_is_in_the_log(
     known = known_log(short_drive, OUTAGE)
     first = runs.run(known)
     assert runs.run(known_log(short_drive, OUTAGE)) is first
-    assert runs.run(known, "ekf_plain") is not first
+    assert runs.run(known, filter_options(runs.recipe, "ekf_plain", known)) is not first
     fewer = replace(known, fixes=known.fixes.iloc[:-1])
     assert runs.run(fewer) is not first
     assert runs.run(known_log(short_drive, Outage(420.0, 21.0))) is not first

@@ -13,7 +13,7 @@ from navlearn.error_models.storage import load_error_model
 from navlearn.errors import ConfigError, LogError, OutputExistsError
 from navlearn.experiment import run as run_module
 from navlearn.experiment import run_recipe, train_recipe
-from navlearn.experiment.learned_method import LearnedMethod
+from navlearn.experiment.anarx_method import AnarxMethod
 from navlearn.export.example import load_example
 from navlearn.logs.drive_log import DriveLog
 from navlearn.logs.formats.native import save_log
@@ -32,15 +32,15 @@ class KilledError(BaseException):
 def kill_at(monkeypatch: pytest.MonkeyPatch, outage_start: float) -> list[float]:
     """Let the learned method die at an outage; return the outages that it was asked for."""
     asked: list[float] = []
-    whole = LearnedMethod.predict
+    whole = AnarxMethod.predict
 
-    def predict(self: LearnedMethod, log: DriveLog, outage: Outage) -> Solution:
+    def predict(self: AnarxMethod, log: DriveLog, outage: Outage) -> Solution:
         asked.append(outage.start)
         if outage.start == outage_start:
             raise KilledError
         return whole(self, log, outage)
 
-    monkeypatch.setattr(LearnedMethod, "predict", predict)
+    monkeypatch.setattr(AnarxMethod, "predict", predict)
     return asked
 
 

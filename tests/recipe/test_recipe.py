@@ -15,7 +15,7 @@ from navlearn.errors import ConfigError, LogNotFoundError, NavlearnError
 from navlearn.fusion.options import EkfOptions
 from navlearn.learning.options import TrainingOptions
 from navlearn.outages.schedule import OutageProtocol
-from navlearn.recipe import ModelSpec, Recipe, load_recipe, load_spec, recipe_for
+from navlearn.recipe import AnarxSpec, Recipe, load_recipe, load_spec, recipe_for
 from navlearn.recipe.sections import OutageSection
 
 LEAST = "name: small\nlog: {path: drive, format: csv}\n"
@@ -52,7 +52,7 @@ def test_spec_is_read_relative_to_the_recipe(tmp_path: Path) -> None:
     (tmp_path / "deep").mkdir()
     text = LEAST + "models: [../tiny.yaml]\nmethods: [ekf, tiny]\n"
     recipe = load_recipe(write(tmp_path / "deep", text))
-    assert recipe.model("tiny") == ModelSpec(name="tiny", hidden=2)
+    assert recipe.model("tiny") == AnarxSpec(name="tiny", hidden=2)
 
 
 def test_resolved_recipe_loads_as_the_same_recipe(tmp_path: Path) -> None:
@@ -106,7 +106,7 @@ def test_filter_overrides_lie_over_the_defaults(tmp_path: Path) -> None:
 
 
 def test_spec_has_the_defaults_of_the_model_that_it_describes() -> None:
-    spec = ModelSpec(name="anarx")
+    spec = AnarxSpec(name="anarx")
     assert spec.anarx_options(outputs=2) == AnarxOptions(inputs=3, outputs=2, lags=1, hidden=3)
     assert spec.training_options() == TrainingOptions(objective="accumulated", ridge=1.0)
     gate = signature(rolling_origin_gate).parameters
@@ -131,7 +131,7 @@ def test_spec_reaches_the_options_of_model_and_training() -> None:
         "learning_rate": 0.25,
         "seed": 9,
     }
-    spec = ModelSpec.model_validate({"name": "a", "inputs": ["speed"], **content})
+    spec = AnarxSpec.model_validate({"name": "a", "inputs": ["speed"], **content})
     options, training = spec.anarx_options(outputs=1), spec.training_options()
     assert (options.inputs, options.lags, options.hidden) == (1, 3, 2)
     assert (options.activation, options.linear_path) == ("tanh", False)
@@ -229,7 +229,7 @@ def test_recipe_for_a_log_with_its_default_model() -> None:
     recipe = recipe_for("drives/my drive.mat", "navinst", outages="3x20", methods=["ekf", "anarx"])
     assert recipe.name == "my_drive"
     assert (recipe.outages.count, recipe.outages.duration_s) == (3, 20.0)
-    assert recipe.model("anarx") == ModelSpec(name="anarx")
+    assert recipe.model("anarx") == AnarxSpec(name="anarx")
     assert recipe.log.path is not None
     assert recipe.log.path.is_absolute()
 

@@ -1,4 +1,4 @@
-"""Error models as methods: learned before the outage or elsewhere, run on their own output."""
+"""ANARX as a method: learned before the outage or elsewhere, run on its own output."""
 
 from collections.abc import Callable
 
@@ -18,11 +18,11 @@ from navlearn.logs.drive_log import DriveLog
 from navlearn.navigator import Navigator, NavigatorRun, belief_at
 from navlearn.outages.replay import Solution
 from navlearn.outages.schedule import Outage
-from navlearn.recipe.spec import ModelSpec
+from navlearn.recipe.anarx_spec import AnarxSpec
 from navlearn.states import RissSample, Trajectory
 
 
-class LearnedMethod:
+class AnarxMethod:
     """The filter, and through the outage its prediction less what the error model predicts.
 
     The standard deviations are those of the filter: the model was fitted to errors that the
@@ -32,7 +32,7 @@ class LearnedMethod:
     def __init__(
         self,
         runs: FilterRuns,
-        spec: ModelSpec,
+        spec: AnarxSpec,
         keep: Callable[[str, Learned], None] | None = None,
     ) -> None:
         """Make a method of a model.
@@ -103,7 +103,7 @@ def last_fix(run: NavigatorRun) -> tuple[int, int]:
 
 def _corrected(
     learned: Learned,
-    spec: ModelSpec,
+    spec: AnarxSpec,
     navigator: Navigator,
     run: NavigatorRun,
     block: int,
@@ -133,7 +133,7 @@ def _joined(whole: Trajectory, later: Trajectory, at: int) -> Trajectory:
     return Trajectory(*(torch.cat((old[:at], new)) for old, new in zip(whole, later, strict=True)))
 
 
-def _notes(learned: Learned, spec: ModelSpec, u: Tensor) -> dict[str, object]:
+def _notes(learned: Learned, spec: AnarxSpec, u: Tensor) -> dict[str, object]:
     verdict, record = learned.verdict, learned.fitted.record
     model = learned.fitted.model
     found = (

@@ -1,0 +1,72 @@
+"""The one place where a method is plugged in.
+
+A method that needs no spec gets a builder in ``FIXED`` and a line in
+:data:`navlearn.recipe.fixed_methods.FIXED_METHODS`; one that learns gets a spec class in
+:mod:`navlearn.recipe.spec` and a builder in ``LEARNED``.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final
+
+from navlearn.experiment.anarx_method import AnarxMethod
+from navlearn.experiment.baselines import DeadReckoning, FilterMethod, FilterRuns
+from navlearn.experiment.learned import Learned
+from navlearn.logs.sensor_truth import SensorTruth
+from navlearn.outages.replay import Method
+from navlearn.recipe import Recipe
+from navlearn.recipe.anarx_spec import AnarxSpec
+from navlearn.recipe.spec_base import SpecBase
+
+Keep = Callable[[str, Learned], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class MethodContext:
+    """What methods are built from.
+
+    Attributes:
+        recipe: The recipe.
+        runs: Filter runs, shared by all methods.
+        keep: Called with the name of each model and every fit of it that can be stored.
+        truth: What only a simulation knows of its gyro; for oracles alone.
+    """
+
+    recipe: Recipe
+    runs: FilterRuns
+    keep: Keep | None = None
+    truth: SensorTruth | None = None
+
+
+FIXED: Final[dict[str, Callable[[MethodContext], Method]]] = {
+    "dead_reckoning": lambda context: DeadReckoning(context.recipe),
+    "ekf_plain": lambda context: FilterMethod(context.runs, "ekf_plain"),
+    "ekf": lambda context: FilterMethod(context.runs, "ekf"),
+}
+"""Builders of the methods that need no spec."""
+
+LEARNED: Final[dict[type[SpecBase], Callable[[MethodContext, Any], Method]]] = {
+    AnarxSpec: lambda context, spec: AnarxMethod(context.runs, spec, context.keep),
+}
+"""Builders of the methods that learn, by the class of their spec."""
+
+
+def build_methods(
+    recipe: Recipe, keep: Keep | None = None, truth: SensorTruth | None = None
+) -> dict[str, Method]:
+    """Return the methods that a recipe compares, in its order.
+
+    Args:
+        recipe: The recipe.
+        keep: Called with the name of each model and every fit of it that can be stored.
+        truth: What only a simulation knows of its gyro; for oracles alone.
+    """
+    context = MethodContext(recipe=recipe, runs=FilterRuns(recipe), keep=keep, truth=truth)
+    return {name: _built(name, context) for name in recipe.methods}
+
+
+def _built(name: str, context: MethodContext) -> Method:
+    if name in FIXED:
+        return FIXED[name](context)
+    spec = context.recipe.model(name)
+    return LEARNED[type(spec)](context, spec)

@@ -1,0 +1,124 @@
+"""Spec of the papers' own models of the azimuth error, trained in a sliding window."""
+
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from pydantic import Field, model_validator
+
+from navlearn.recipe.spec_base import Count, Positive, Seed, SpecBase
+
+if TYPE_CHECKING:
+    from navlearn.error_models.fos_options import FosOptions
+    from navlearn.error_models.pci_options import PciOptions
+
+PAPERS: dict[str, dict[str, Any]] = {
+    "pci": {"inputs": ("azimuth",), "window_s": 300.0, "lags": 10, "degree": 3},
+    "fos": {"inputs": (), "window_s": 60.0, "lags": 1, "degree": 2},
+}
+"""What [Iqbal2020] (pci) and [Shen2010] (fos) choose, where a spec chooses nothing."""
+
+
+class AzimuthSpec(SpecBase):
+    """What a feed-forward filter leaves of the azimuth error, learned over the last minutes.
+
+    Keys left out are those of the paper behind the ``structure``.
+
+    Attributes:
+        type: Kind of model.
+        structure: ``pci`` ([Iqbal2020]) or ``fos`` ([Shen2010]).
+        filter: The filter that it stands beside, run feed-forward: ``recipe`` is the recipe's
+            own, the others are the recipe's with another model of the errors.
+        inputs: Errors that the filter predicts, by their names in its error state (``azimuth``,
+            ``gyro_bias``, ``east``, ...); none stands for all of them.
+        target: What is modelled: the ``angle`` itself, or its ``rate``, which is integrated
+            through the outage; both readings of [Shen2010] Eq. (9).
+        window_s: Length of the sliding window, s.
+        course_speed: Slowest speed at which GNSS course counts as azimuth, m/s.
+        lags: Inputs enter with lags 0 to this, in steps of the recipe's ``training.step_s``.
+        degree: Degree of the polynomials.
+        most: Most terms (``fos``) or cascades (``pci``).
+        acceptance: ``paper`` takes terms up to ``most``, and cascades one after the other by the
+            paper's test; ``default`` takes only what white noise does not reach.
+        gate_replays: Most recent emulated outages that the gate looks at.
+        seed: Seed of what PCI draws.
+    """
+
+    type: Literal["azimuth_window"] = "azimuth_window"
+    structure: Literal["pci", "fos"]
+    filter: Literal["recipe", "bias_free", "shen2010", "shen2010_full"] = "recipe"
+    inputs: tuple[str, ...]
+    target: Literal["angle", "rate"] = "angle"
+    window_s: Positive
+    course_speed: Positive = 5.0
+    lags: Annotated[int, Field(ge=0)]
+    degree: Count
+    most: Count = 8
+    acceptance: Literal["paper", "default"] = "paper"
+    gate_replays: Count = 12
+    seed: Seed = 0
+
+    @model_validator(mode="before")
+    @classmethod
+    def _as_in_the_paper(cls, content: Any) -> Any:
+        if not isinstance(content, dict):
+            return content
+        return {**PAPERS.get(str(content.get("structure")), {}), **content}
+
+    @model_validator(mode="after")
+    def _options_go_together(self) -> "AzimuthSpec":
+        if self.structure == "fos":
+            self.fos_options()
+        else:
+            self.pci_options(inputs=1)
+        return self
+
+    def fos_options(self) -> "FosOptions":
+        """Return the options of the search."""
+        from navlearn.error_models.fos_options import FosOptions
+
+        own = {} if self.acceptance == "default" else {"false_alarm": 1.0}
+        return FosOptions(
+            lags=self.lags,
+            degree=self.degree,
+            max_terms=self.most,
+            safeguard=self.safeguard.bounds,
+            output_limit=self.safeguard.output_limit,
+            **own,
+        )
+
+    def pci_options(self, *, inputs: int) -> "PciOptions":
+        """Return the options of the cascades.
+
+        Args:
+            inputs: Number of inputs.
+        """
+        from navlearn.error_models.pci_options import PciOptions
+
+        paper = self.acceptance == "paper"
+        own: dict[str, Any] = {"batch": 1, "refit": False} if paper else {}
+        return PciOptions(
+            inputs=inputs,
+            lags=self.lags,
+            degree=self.degree,
+            cascades=self.most,
+            acceptance=self.acceptance,
+            safeguard=self.safeguard.bounds,
+            output_limit=self.safeguard.output_limit,
+            seed=self.seed,
+            **own,
+        )
+
+    def describe(self) -> str:
+        """Return what the method of this model does, in a sentence for the report."""
+        beside = {"recipe": "the honest filter"}.get(
+            self.filter, f"a filter of model {self.filter}"
+        )
+        return (
+            f"mechanization with an azimuth less what {self.structure.upper()} learned of its "
+            f"residual ({self.target}) over the last {self.window_s:g} s, beside {beside} run "
+            "feed-forward"
+        )
+
+    @property
+    def seeds(self) -> dict[str, int]:
+        """Seeds of everything that it draws, by name."""
+        return {self.name: self.seed} if self.structure == "pci" else {}
