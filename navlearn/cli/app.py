@@ -15,6 +15,7 @@ import navlearn
 from navlearn.cli.check import check
 from navlearn.cli.evaluate import evaluate
 from navlearn.cli.export import export
+from navlearn.cli.methods import methods
 from navlearn.cli.predict import predict
 from navlearn.cli.run import run
 from navlearn.cli.simulate import simulate
@@ -82,7 +83,7 @@ def _options(
     """Take the options that stand before the command."""
 
 
-for _command in (check, simulate, run, train, evaluate, export, predict):
+for _command in (check, simulate, methods, run, train, evaluate, export, predict):
     app.command()(_command)
 
 

@@ -27,7 +27,11 @@ def evaluate(
         str, typer.Option("--outages", help="Count and length in seconds, COUNTxSECONDS.")
     ] = "10x60",
     methods: Annotated[
-        str, typer.Option("--methods", help="Methods to compare, separated by commas.")
+        str,
+        typer.Option(
+            "--methods",
+            help="Methods to compare, separated by commas; `navlearn methods` lists all.",
+        ),
     ] = "dead_reckoning,ekf_plain,ekf,anarx",
     model: ModelOption = None,
     warm_up: Annotated[

@@ -13,8 +13,10 @@ from typer.testing import CliRunner
 from navlearn import __version__
 from navlearn.cli import app
 from navlearn.logs.reading import read_log
+from navlearn.recipe.fixed_methods import FIXED_METHODS
+from navlearn.recipe.spec import BUILT_IN
 
-COMMANDS = ("check", "simulate", "run", "train", "evaluate", "export", "predict")
+COMMANDS = ("check", "simulate", "methods", "run", "train", "evaluate", "export", "predict")
 
 
 def invoke(*arguments: object, code: int = 0) -> str:
@@ -135,3 +137,9 @@ def test_export_says_what_is_missing(tmp_path: Path) -> None:
     assert "no model 'anarx'" in shown
     assert "found other:" in shown
     assert ".pt2" in invoke("export", tmp_path, "--to", "p.onnx", code=2)
+
+
+def test_every_method_that_a_recipe_takes_is_listed() -> None:
+    listed = invoke("methods").split("\n\n")[0]
+    named = [line.split()[0] for line in listed.splitlines()]
+    assert named == [*FIXED_METHODS, *BUILT_IN]
