@@ -1,8 +1,4 @@
-"""Fit of a parallel cascade model: candidates in batches, the best that passes is added.
-
-Source: [Iqbal2020, IV] after [Korenberg1991], with batches, several inputs, weights, an
-acceptance test that counts what was fitted, and a common refit of all polynomials beyond them.
-"""
+"""Fit of parallel cascade models to one record, or to each of many windows at once."""
 
 import platform
 from dataclasses import dataclass
@@ -18,15 +14,8 @@ from navlearn.error_models.base import (
     TrainingSource,
 )
 from navlearn.error_models.pci import PciModel
-from navlearn.error_models.pci_candidates import (
-    Cascades,
-    acceptance_threshold,
-    basis,
-    draw_candidates,
-    effective_rows,
-    fit_cascades,
-    linear_responses,
-)
+from navlearn.error_models.pci_build import Built, Rows, build_cascades
+from navlearn.error_models.pci_candidates import Cascades
 from navlearn.error_models.pci_options import PciOptions
 from navlearn.error_models.scaling import Scaling, fit_scaling
 from navlearn.errors import FitError, ShapeError
@@ -72,46 +61,55 @@ def fit_pci(
         FitError: A row that counts is not finite, or no row has a whole memory behind it.
     """
     x, y, weight = _checked(x, y, options, weight)
-    inputs, output = fit_scaling(x, weight), fit_scaling(y.unsqueeze(-1), weight)
-    lagged, target, counts = _rows(x, y, weight, options.lags, inputs, output)
-    share = counts / counts.sum()
-    rows = float(counts.sum() ** 2 / (counts * counts).sum())
-    cascades, curve, tried, stopped = _build(lagged, target, share, rows, options)
-    model = PciModel(options)
-    model.set_scaling(inputs, output)
-    model.set_cascades(cascades)
-    found = cascades.response.shape[0]
-    left = max(rows - found * (options.degree + 1), 1.0)
-    model.variance = curve[-1] * rows / left * output.scale**2
-    model.eval()
-    source = source or TrainingSource()
-    record = TrainingRecord(
-        source=source,
-        time_span=(0.0, (x.shape[-2] - 1) * source.time_step),
-        samples=int(target.shape[0]),
-        validation_samples=0,
-        trainer="pci",
-        loop="open",
-        iterations=found,
-        stopped=stopped,
-        seed=options.seed,
-        train_loss=curve[-1],
-        valid_loss=float("nan"),
-        versions=(
-            ("navlearn", navlearn.__version__),
-            ("torch", str(torch.__version__)),
-            ("python", platform.python_version()),
-        ),
-    )
-    return FittedPci(
-        kind="pci",
-        model=model,
-        options=options,
-        record=record,
-        curves=TrainingCurves(train=tuple(curve), valid=()),
-        tried=tried,
-        cascades=found,
-    )
+    scaling = fit_scaling(x, weight), fit_scaling(y.unsqueeze(-1), weight)
+    lagged, target, counts = _rows(x, y, weight, options.lags, *scaling)
+    rows = _weighted(lagged.flatten(0, -2)[None], target.reshape(1, -1), counts.reshape(1, -1))
+    ((cascades, built),) = build_cascades(rows, options)
+    return _fitted(cascades, built, rows, 0, scaling, x.shape[-2], options, source)
+
+
+@torch.no_grad()
+def fit_pci_windows(
+    x: Tensor,
+    y: Tensor,
+    options: PciOptions,
+    weight: Tensor | None = None,
+    *,
+    source: TrainingSource | None = None,
+) -> list[FittedPci]:
+    """Fit a model of its own to each of many windows, all at once.
+
+    The same models as ``fit_pci`` gives window by window, up to rounding.
+
+    Args:
+        x: Inputs in physical units, shape (B, T, m).
+        y: Outputs in physical units, shape (B, T) or (B, T, 1).
+        options: How to build each model.
+        weight: Weight of each row, not negative, shape (B, T); None for equal weights.
+        source: What else is known about the data.
+
+    Returns:
+        A fitted model per window.
+
+    Raises:
+        ShapeError: The shapes do not belong together.
+        FitError: A row that counts is not finite, or a window has no row with a whole memory.
+    """
+    if x.ndim != 3:
+        raise ShapeError(f"x has shape {tuple(x.shape)}; expected windows (B, T, {options.inputs})")
+    x, y, weight = _checked(x, y, options, weight)
+    scalings, parts = [], []
+    for k in range(x.shape[0]):
+        scaling = fit_scaling(x[k], weight[k]), fit_scaling(y[k].unsqueeze(-1), weight[k])
+        scalings.append(scaling)
+        parts.append(_rows(x[k], y[k], weight[k], options.lags, *scaling))
+    if not parts:
+        return []
+    rows = _weighted(*(torch.stack(part) for part in zip(*parts, strict=True)))
+    return [
+        _fitted(cascades, built, rows, k, scalings[k], x.shape[-2], options, source)
+        for k, (cascades, built) in enumerate(build_cascades(rows, options))
+    ]
 
 
 def _checked(
@@ -135,79 +133,73 @@ def _checked(
 def _rows(
     x: Tensor, y: Tensor, weight: Tensor, lags: int, inputs: Scaling, output: Scaling
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Return lagged inputs (N, (R + 1) m) by lag, then channel, outputs and weights (N,)."""
+    """Return lagged inputs (..., N, (R + 1) m) by lag, then channel, outputs and weights (..., N).
+
+    Rows that do not count, for want of weight or of a past, are zero.
+    """
     if x.shape[-2] <= lags:
         raise FitError(f"windows of {x.shape[-2]} rows are too short for {lags} lags")
-    z = (x - inputs.mean) / inputs.scale
-    target = ((y - output.mean) / output.scale)[..., lags:].reshape(-1)
-    lagged = z.unfold(-2, lags + 1, 1).flip(-1).transpose(-1, -2)
-    whole = (weight > 0.0).unfold(-1, lags + 1, 1).all(-1).reshape(-1)
+    whole = (weight > 0.0).unfold(-1, lags + 1, 1).all(-1)
     if not bool(whole.any()):
         raise FitError(f"no row has {lags} rows of positive weight before it")
-    lagged = lagged.reshape(-1, (lags + 1) * x.shape[-1])[whole]
-    return lagged, target[whole], weight[..., lags:].reshape(-1)[whole]
+    z = (x - inputs.mean) / inputs.scale
+    lagged = z.unfold(-2, lags + 1, 1).flip(-1).transpose(-1, -2).flatten(-2)
+    target = ((y - output.mean) / output.scale)[..., lags:]
+    lagged = torch.where(whole.unsqueeze(-1), lagged, 0.0)
+    return lagged, torch.where(whole, target, 0.0), torch.where(whole, weight[..., lags:], 0.0)
 
 
-def _build(
-    lagged: Tensor, target: Tensor, share: Tensor, rows: float, options: PciOptions
-) -> tuple[Cascades, list[float], int, str]:
-    """Return the cascades, the residual power after each, candidates tried and why it ended."""
-    generator = torch.Generator().manual_seed(options.seed)
-    empty, _ = fit_cascades(lagged, target, share, torch.zeros_like(lagged[:1]), options.degree)
-    model = Cascades(*(field[:0] for field in empty))
-    residual, tried = target, 0
-    start = float((share * target * target).sum())
-    curve = [start]
-    while True:
-        if curve[-1] <= options.target:
-            return model, curve, tried, "target"
-        if model.response.shape[0] >= options.cascades:
-            return model, curve, tried, "cascades"
-        if tried >= options.tried:
-            return model, curve, tried, "tried"
-        count = min(options.batch, options.tried - tried)
-        tried += count
-        best = _best(lagged, residual, share, rows, count, curve[-1] / start, options, generator)
-        if best is None:
-            return model, curve, tried, "none passed"
-        model = Cascades(*(torch.cat(pair) for pair in zip(model, best, strict=True)))
-        values = basis(lagged @ model.response.T, model.shift, model.norm)
-        if options.refit:
-            model = model._replace(weight=_refit(values, target, share))
-        residual = target - (values * model.weight).sum((-1, -2))
-        curve.append(float((share * residual * residual).sum()))
+def _weighted(lagged: Tensor, target: Tensor, counts: Tensor) -> Rows:
+    """Return the rows of windows (B, N) with the roots of their weights."""
+    total = counts.sum(-1, keepdim=True)
+    root = (counts / total).sqrt()
+    rows = total.squeeze(-1).square() / counts.square().sum(-1)
+    return Rows(lagged=lagged, target=root * target, root=root, rows=rows)
 
 
-def _best(
-    lagged: Tensor,
-    residual: Tensor,
-    share: Tensor,
-    rows: float,
-    count: int,
-    c: float,
+def _fitted(
+    cascades: Cascades,
+    built: Built,
+    rows: Rows,
+    window: int,
+    scaling: tuple[Scaling, Scaling],
+    length: int,
     options: PciOptions,
-    generator: torch.Generator,
-) -> Cascades | None:
-    """Return the candidate that explains most of the residual, if it passes the test."""
-    draw = draw_candidates(count, options.order, options.lags, options.inputs, generator)
-    response = linear_responses(lagged, residual, share, c, draw)
-    fitted, power = fit_cascades(lagged, residual, share, response, options.degree)
-    freedom = draw.reads.sum(-1).double() + options.degree
-    paper = options.acceptance == "paper"
-    if not paper:
-        rows = effective_rows(rows, lagged[:, : options.inputs], residual, share)
-    least = acceptance_threshold(rows, freedom, count, options.level, paper)
-    passes = power > least * (share * residual * residual).sum()
-    if not bool(passes.any()):
-        return None
-    k = int(torch.where(passes, power, -torch.ones_like(power)).argmax())
-    return Cascades(*(field[k : k + 1] for field in fitted))
-
-
-def _refit(values: Tensor, target: Tensor, share: Tensor) -> Tensor:
-    """Return the coefficients of all polynomials together, the shortest of the best fits."""
-    root = share.sqrt()
-    columns = root.unsqueeze(-1) * values.flatten(1)
-    solution = torch.linalg.lstsq(columns, (root * target).unsqueeze(-1), driver="gelsd")
-    weight: Tensor = solution.solution.reshape(values.shape[1:])
-    return weight
+    source: TrainingSource | None,
+) -> FittedPci:
+    """Return the model of one window with its record."""
+    model = PciModel(options)
+    model.set_scaling(*scaling)
+    model.set_cascades(cascades)
+    found, count = len(built.accepted), float(rows.rows[window])
+    left = max(count - found * (options.degree + 1), 1.0)
+    model.variance = built.curve[-1] * count / left * scaling[1].scale ** 2
+    model.eval()
+    source = source or TrainingSource()
+    record = TrainingRecord(
+        source=source,
+        time_span=(0.0, (length - 1) * source.time_step),
+        samples=int((rows.root[window] > 0).sum()),
+        validation_samples=0,
+        trainer="pci",
+        loop="open",
+        iterations=found,
+        stopped=built.stopped,
+        seed=options.seed,
+        train_loss=built.curve[-1],
+        valid_loss=float("nan"),
+        versions=(
+            ("navlearn", navlearn.__version__),
+            ("torch", str(torch.__version__)),
+            ("python", platform.python_version()),
+        ),
+    )
+    return FittedPci(
+        kind="pci",
+        model=model,
+        options=options,
+        record=record,
+        curves=TrainingCurves(train=tuple(built.curve), valid=()),
+        tried=built.tried,
+        cascades=found,
+    )

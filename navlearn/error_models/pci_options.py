@@ -1,6 +1,7 @@
 """Options of parallel cascade identification, as plain data."""
 
 from dataclasses import dataclass
+from typing import Any
 
 from navlearn.errors import ConfigError
 
@@ -9,9 +10,8 @@ from navlearn.errors import ConfigError
 class PciOptions:
     """How a parallel cascade model is built.
 
-    The four limits ``cascades``, ``tried``, ``target`` and the acceptance test are the four
-    stopping rules of [Iqbal2020]. Their model is ``PciOptions(acceptance="paper", batch=1,
-    refit=False, safeguard=False, lags=10, degree=3, cascades=8)``.
+    The four limits ``cascades``, ``tried``, ``target`` and ``misses`` are the four stopping rules
+    of [Iqbal2020], whose model is :meth:`paper`.
 
     Attributes:
         inputs: Number of input channels m.
@@ -21,6 +21,7 @@ class PciOptions:
         batch: Candidates per round, of which the best that passes is added.
         cascades: Stops after that many cascades.
         tried: Stops before more candidates than this were tried.
+        misses: Stops after that many batches in a row of which no candidate passed.
         target: Stops when the mean squared residual falls to it, standardised units.
         acceptance: ``default`` (error rate held over the batch) or ``paper`` (4 / rows).
         level: Chance that ``default`` accepts any of a batch on white noise.
@@ -38,6 +39,7 @@ class PciOptions:
     batch: int = 64
     cascades: int = 20
     tried: int = 10_000
+    misses: int = 1
     target: float = 1e-12
     acceptance: str = "default"
     level: float = 0.02
@@ -46,8 +48,29 @@ class PciOptions:
     output_limit: float = 5.0
     seed: int = 0
 
+    @classmethod
+    def paper(cls, **changed: Any) -> "PciOptions":
+        """Return the model of [Iqbal2020]: one candidate at a time, never fitted again.
+
+        When to call a record exhausted is left open there; here after 20 candidates in a row.
+
+        Args:
+            changed: Options that differ from theirs.
+        """
+        theirs: dict[str, Any] = {
+            "lags": 10,
+            "degree": 3,
+            "cascades": 8,
+            "batch": 1,
+            "misses": 20,
+            "acceptance": "paper",
+            "refit": False,
+            "safeguard": False,
+        }
+        return cls(**{**theirs, **changed})
+
     def __post_init__(self) -> None:
-        for name in ("inputs", "degree", "batch", "cascades", "tried"):
+        for name in ("inputs", "degree", "batch", "cascades", "tried", "misses"):
             if getattr(self, name) < 1:
                 raise ConfigError(f"pci: {name} is {getattr(self, name)}; it must be at least 1")
         if self.lags < 0:

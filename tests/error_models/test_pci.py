@@ -9,15 +9,18 @@ from scipy.stats import chi2
 
 from navlearn.error_models.base import ErrorModel
 from navlearn.error_models.pci import PciModel, PciOptions
+from navlearn.error_models.pci_acceptance import (
+    acceptance_threshold,
+    autocorrelations,
+    effective_rows,
+)
 from navlearn.error_models.pci_candidates import (
     Draw,
-    acceptance_threshold,
     draw_candidates,
-    effective_rows,
     fit_cascades,
     linear_responses,
 )
-from navlearn.error_models.pci_fit import fit_pci
+from navlearn.error_models.pci_fit import fit_pci, fit_pci_windows
 from navlearn.error_models.volterra import volterra_kernels
 from navlearn.errors import ConfigError, FitError, ShapeError
 
@@ -36,6 +39,11 @@ def filtered(x, response):
     for i, j in itertools.product(range(response.shape[0]), range(response.shape[1])):
         total += response[i, j] * torch.cat((x[:1, i].expand(j), x[: len(x) - j, i]))
     return total
+
+
+def shares(windows, rows, seed):
+    share = torch.rand(windows, rows, generator=torch.Generator().manual_seed(seed)).double()
+    return share / share.sum(-1, keepdim=True)
 
 
 def two_cascades(x, responses):
@@ -67,9 +75,7 @@ def kernels_of(responses):
 
 
 def test_correlations_equal_plain_loops():
-    lagged, residual = noise(40, 6), noise(40, seed=1)
-    share = torch.rand(40, generator=torch.Generator().manual_seed(2)).double()
-    share = share / share.sum()
+    lagged, residual, share = noise(2, 40, 6), noise(2, 40, seed=1), shares(2, 40, 2)
     reads = torch.tensor([[True] * 6, [True, False] * 3, [True] * 6])
     draw = Draw(
         torch.tensor([1, 2, 3]),
@@ -77,40 +83,40 @@ def test_correlations_equal_plain_loops():
         torch.tensor([[1.0, 1.0], [-1.0, 1.0], [1.0, -1.0]]).double(),
         reads,
     )
-    found = linear_responses(lagged, residual, share, 0.7, draw)
-    for m in range(3):
-        for j in range(6):
-            value = 0.0
-            for n in range(40):
-                term = float(share[n] * residual[n] * lagged[n, j])
-                for k in range(int(draw.order[m]) - 1):
-                    term *= float(lagged[n, draw.slices[m, k]])
-                value += term * float(reads[m, j])
+    root, size = share.sqrt(), torch.tensor([0.7, 0.2]).double()
+    found = linear_responses(lagged, root * residual, root, size, draw)
+    for b, m, j in itertools.product(range(2), range(3), range(6)):
+        value = 0.0
+        for n in range(40):
+            term = float(share[b, n] * residual[b, n] * lagged[b, n, j])
             for k in range(int(draw.order[m]) - 1):
-                value += 0.7 * float(draw.signs[m, k]) * (j == int(draw.slices[m, k]))
-            assert float(found[m, j]) == pytest.approx(value, abs=1e-14)
+                term *= float(lagged[b, n, draw.slices[m, k]])
+            value += term * float(reads[m, j])
+        for k in range(int(draw.order[m]) - 1):
+            value += float(size[b] * draw.signs[m, k]) * (j == int(draw.slices[m, k]))
+        assert float(found[b, m, j]) == pytest.approx(value, abs=1e-14)
 
 
 def test_one_cascade_equals_least_squares_on_powers():
-    lagged, residual, response = noise(200, 5), noise(200, seed=1), noise(3, 5, seed=2)
-    share = torch.rand(200, generator=torch.Generator().manual_seed(3)).double()
-    share = share / share.sum()
-    fitted, power = fit_cascades(lagged, residual, share, response, 3)
-    for k in range(3):
-        u = lagged @ fitted.response[k]
-        assert float((share * u * u).sum()) == pytest.approx(1.0, abs=1e-12)
+    lagged, residual, response = noise(2, 200, 5), noise(2, 200, seed=1), noise(2, 3, 5, seed=2)
+    share = shares(2, 200, 3)
+    fitted, power = fit_cascades(lagged, share.sqrt() * residual, share.sqrt(), response, 3)
+    for b, k in itertools.product(range(2), range(3)):
+        u = lagged[b] @ fitted.response[b, k]
+        assert float((share[b] * u * u).sum()) == pytest.approx(1.0, abs=1e-12)
         vandermonde = torch.stack([u**d for d in range(4)], -1)
-        weighted = vandermonde.T * share
-        z = vandermonde @ torch.linalg.solve(weighted @ vandermonde, weighted @ residual)
-        assert float(power[k]) == pytest.approx(float((share * z * z).sum()), rel=1e-10)
+        weighted = vandermonde.T * share[b]
+        z = vandermonde @ torch.linalg.solve(weighted @ vandermonde, weighted @ residual[b])
+        assert float(power[b, k]) == pytest.approx(float((share[b] * z * z).sum()), rel=1e-10)
 
 
 def test_a_linear_output_without_power_explains_nothing():
+    root = torch.full((1, 30), 1.0 / 30).double().sqrt()
     fitted, power = fit_cascades(
-        noise(30, 4), noise(30), torch.ones(30).double() / 30, torch.zeros(1, 4).double(), 3
+        noise(1, 30, 4), root * noise(1, 30), root, torch.zeros(1, 1, 4).double(), 3
     )
     assert float(power) == 0.0
-    assert all(bool(torch.isfinite(field).all()) for field in fitted)
+    assert all(bool(torch.isfinite(field).all()) for field in fitted[:4])
 
 
 def test_draws_reach_every_order_and_lag_and_repeat_with_the_seed():
@@ -122,6 +128,10 @@ def test_draws_reach_every_order_and_lag_and_repeat_with_the_seed():
     assert set(first.reads.sum(-1).tolist()) == {5, 10}
     assert int(first.order[0]) == 1
     assert bool(first.reads[0].all())
+    generator = torch.Generator().manual_seed(5)
+    single = [draw_candidates(1, 3, 4, 2, generator) for _ in range(100)]
+    assert {int(draw.order) for draw in single} == {1, 2, 3}
+    assert {int(draw.reads.sum()) for draw in single} == {5, 10}
 
 
 @pytest.mark.parametrize("refit", [True, False])
@@ -177,49 +187,53 @@ def test_kernels_of_every_degree_equal_derivatives_at_zero(degree):
     assert degree > 2 or not bool(found.third.any())
 
 
-def accepted_on_noise(acceptance, draws, rows=600):
-    """Number of draws of white noise with any cascade, and cascades per draw."""
-    counts = [
-        fit_pci(
-            noise(rows, 1, seed=2 * k),
-            noise(rows, seed=2 * k + 1),
-            PciOptions(acceptance=acceptance, cascades=8, seed=k),
-        ).cascades
-        for k in range(draws)
-    ]
+def accepted_on_noise(options, draws, rows=600, memory=0.0):
+    """Number of draws with any cascade from an input to noise, and cascades per draw."""
+    x, y = noise(draws, rows, 1), noise(draws, rows, seed=1)
+    for k in range(1, rows):
+        x[:, k] = memory * x[:, k - 1] + math.sqrt(1.0 - memory**2) * x[:, k]
+    counts = [fitted.cascades for fitted in fit_pci_windows(x, y, options)]
     return sum(count > 0 for count in counts), sum(counts) / draws
 
 
-@pytest.mark.parametrize("draws", [60, pytest.param(200, marks=pytest.mark.slow)])
-def test_the_default_rule_refuses_white_noise_and_the_papers_takes_it(draws, record_property):
-    default, _ = accepted_on_noise("default", draws)
-    paper, cascades = accepted_on_noise("paper", draws)
+@pytest.mark.parametrize(("memory", "often"), [(0.0, 180), (0.9, 60)])
+def test_the_default_rule_refuses_noise_and_the_papers_takes_it(memory, often, record_property):
+    default, _ = accepted_on_noise(PciOptions(cascades=8), 200, memory=memory)
+    paper, cascades = accepted_on_noise(PciOptions.paper(), 200, memory=memory)
     record_property("default_accepts", default)
     record_property("paper_accepts", paper)
     record_property("paper_cascades", cascades)
-    assert default <= 0.05 * draws
-    assert paper > 0.9 * draws
+    assert default <= 10
+    assert paper > often
 
 
 def test_the_default_threshold_is_the_quantile_of_chi_squared():
-    freedom = torch.tensor([2.0, 14.0, 60.0]).double()
-    share = acceptance_threshold(600.0, freedom, 64, 0.02, False)
-    expected = -torch.expm1(-torch.from_numpy(chi2.isf(0.02 / 64, freedom.numpy())) / 600.0)
-    torch.testing.assert_close(share, expected, rtol=1e-10, atol=0)
-    assert acceptance_threshold(600.0, freedom, 64, 0.02, True).tolist() == [4 / 600] * 3
+    freedom, rows = torch.tensor([2.0, 14.0, 60.0]).double(), torch.tensor([600.0, 80.0]).double()
+    share = acceptance_threshold(rows, freedom, 64, 0.02, False)
+    quantile = torch.from_numpy(chi2.isf(0.02 / 64, freedom.numpy()))
+    torch.testing.assert_close(
+        share, -torch.expm1(-quantile / rows.unsqueeze(-1)), rtol=1e-10, atol=0
+    )
+    paper = acceptance_threshold(rows, freedom, 64, 0.02, True)
+    assert paper.tolist() == [[4 / 600] * 3, [4 / 80] * 3]
+
+
+def independent(rows, x, y):
+    root = torch.full((1, len(y)), 1.0 / len(y), dtype=torch.float64).sqrt()
+    rho_x, rho_y = (autocorrelations(z.unsqueeze(0), root) for z in (x, y.unsqueeze(-1)))
+    return float(effective_rows(torch.tensor([rows]).double(), rho_x, rho_y))
 
 
 def test_effective_rows_equal_plain_loops():
-    x, y, share = noise(50, 1).cumsum(0), noise(50, seed=1).cumsum(0), torch.ones(50).double() / 50
+    x, y = noise(50, 1).cumsum(0), noise(50, seed=1).cumsum(0)
 
     def correlation(z, j):
         z = z - z.mean()
         return float((z[j:] * z[: 50 - j]).sum() / (z * z).sum())
 
     total = 1 + 2 * sum(correlation(x[:, 0], j) * correlation(y, j) for j in range(1, 12))
-    assert effective_rows(50.0, x, y, share) == pytest.approx(max(50 / total, 1.0), rel=1e-9)
-    white = effective_rows(600.0, noise(600, 1), noise(600, seed=1), torch.ones(600).double() / 600)
-    assert 480 < white <= 600
+    assert independent(50.0, x, y) == pytest.approx(max(50 / total, 1.0), rel=1e-9)
+    assert 480 < independent(600.0, noise(600, 1), noise(600, seed=1)) <= 600
 
 
 def test_two_random_walks_are_not_taken_for_cause_and_effect():
@@ -354,6 +368,51 @@ def test_doubling_all_weights_changes_nothing():
     torch.testing.assert_close(once.model(x), twice.model(x))
 
 
+@pytest.mark.parametrize(
+    "options",
+    [{"cascades": 5}, {"cascades": 5, "refit": False}, {"acceptance": "paper", "target": 0.5}],
+)
+def test_windows_at_once_equal_one_by_one(options):
+    options = PciOptions(inputs=2, lags=2, **options)
+    x, y, _ = double(5 * 150)
+    x, y = x.reshape(5, 150, 2), y.reshape(5, 150) * torch.arange(5).double().unsqueeze(-1)
+    y = y + noise(5, 150, seed=6)
+    weight = torch.rand(5, 150, generator=torch.Generator().manual_seed(4)).double()
+    weight[1, 40:50], weight[3, :20] = 0.0, 0.0
+    spoilt = torch.where(weight > 0, y, torch.nan)
+    together = fit_pci_windows(x, spoilt.unsqueeze(-1), options, weight)
+    assert len({fitted.cascades for fitted in together}) > 1
+    for k, fitted in enumerate(together):
+        alone = fit_pci(x[k], spoilt[k], options, weight[k])
+        assert (fitted.tried, fitted.cascades) == (alone.tried, alone.cascades)
+        assert fitted.record.samples == alone.record.samples
+        assert fitted.record.stopped == alone.record.stopped
+        assert list(fitted.curves.train) == pytest.approx(list(alone.curves.train), rel=1e-9)
+        torch.testing.assert_close(fitted.model(x[k]), alone.model(x[k]), rtol=1e-8, atol=1e-8)
+        variance = fitted.model.prediction_variance(1)
+        torch.testing.assert_close(variance, alone.model.prediction_variance(1))
+
+
+def test_windows_are_asked_for_as_windows():
+    x, y = single(100)
+    assert fit_pci_windows(x[None, :0].expand(0, -1, -1), y[None, :0][:0], PciOptions()) == []
+    with pytest.raises(ShapeError, match=r"windows \(B, T, 1\)"):
+        fit_pci_windows(x, y, PciOptions())
+
+
+def test_each_batch_without_any_that_passes_is_a_miss():
+    x, y = noise(600, 1), noise(600, seed=1)
+    fitted = fit_pci(x, y, PciOptions(misses=4, batch=8))
+    assert (fitted.cascades, fitted.tried, fitted.record.stopped) == (0, 32, "none passed")
+
+
+def test_the_paper_is_one_call_away():
+    options = PciOptions.paper(lags=4)
+    assert (options.acceptance, options.batch, options.lags) == ("paper", 1, 4)
+    assert not options.refit
+    assert not options.safeguard
+
+
 def test_bad_data_are_refused_by_name():
     x, y = single(100)
     spoilt = x.clone()
@@ -381,6 +440,7 @@ def test_bad_data_are_refused_by_name():
         {"acceptance": "other"},
         {"level": 1.0},
         {"target": -1.0},
+        {"misses": 0},
         {"output_limit": 0.0},
     ],
 )

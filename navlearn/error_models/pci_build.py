@@ -1,0 +1,221 @@
+"""Building parallel cascade models round by round, for many windows at once.
+
+Source: [Iqbal2020, IV] after [Korenberg1991]. Every round draws one batch of candidates, the same
+for all windows; each window adds the one that explains most of its own residual, if it passes.
+A window ends by one of four rules, and what is left of the others goes on.
+"""
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from navlearn.error_models.pci_acceptance import (
+    acceptance_threshold,
+    autocorrelations,
+    effective_rows,
+)
+from navlearn.error_models.pci_candidates import (
+    Cascades,
+    Draw,
+    basis,
+    draw_candidates,
+    fit_cascades,
+    linear_responses,
+)
+from navlearn.error_models.pci_options import PciOptions
+
+DEPENDENT = 1e-10
+"""What a column of unit norm has left outside the others when it is taken for one of them."""
+
+
+class Rows(NamedTuple):
+    """Rows of B windows, standardised; rows that do not count are zero.
+
+    Attributes:
+        lagged: Lagged inputs by lag, then channel, shape (B, N, L).
+        target: Outputs times ``root``, shape (B, N).
+        root: Root of the weight of each row, of squared sum 1, shape (B, N).
+        rows: Effective number of rows by their weights, shape (B,).
+    """
+
+    lagged: Tensor
+    target: Tensor
+    root: Tensor
+    rows: Tensor
+
+
+@dataclass(kw_only=True)
+class Built:
+    """The model of one window as it grows.
+
+    Attributes:
+        accepted: Cascades, one after the other, each with axes (1, ...).
+        curve: Mean squared residual, before the first and after each.
+        tried: Candidates tried.
+        missed: Batches in a row of which none passed.
+        stopped: Why it ended; empty while it goes on.
+    """
+
+    accepted: list[Cascades] = field(default_factory=list)
+    curve: list[float] = field(default_factory=list)
+    tried: int = 0
+    missed: int = 0
+    stopped: str = ""
+
+
+@dataclass(kw_only=True)
+class _Live:
+    """What is kept of the windows that go on, B of them.
+
+    Attributes:
+        windows: Their places among all windows, shape (B,).
+        rows: Their rows.
+        residual: What is left to explain, times the root of the weights, shape (B, N).
+        spanned: Orthonormal columns of all polynomials so far, or zeros, shape (B, N, r).
+        correlations: Autocorrelations of their inputs, shape (B, J, m).
+    """
+
+    windows: Tensor
+    rows: Rows
+    residual: Tensor
+    spanned: Tensor
+    correlations: Tensor
+
+
+def build_cascades(rows: Rows, options: PciOptions) -> list[tuple[Cascades, Built]]:
+    """Return the cascades of each window, and how it went.
+
+    Args:
+        rows: Rows of the windows.
+        options: How to build.
+    """
+    generator = torch.Generator().manual_seed(options.seed)
+    start = rows.target.square().sum(-1)
+    built = [Built(curve=[power]) for power in start.tolist()]
+    live = _Live(
+        windows=torch.arange(len(built)),
+        rows=rows,
+        residual=rows.target,
+        spanned=rows.root.unsqueeze(-1),
+        correlations=autocorrelations(rows.lagged[..., : options.inputs], rows.root),
+    )
+    tried = 0
+    while True:
+        goes_on = [_goes_on(built[k], options) for k in live.windows.tolist()]
+        if not any(goes_on):
+            return [(_joined(b, k, rows, options), b) for k, b in enumerate(built)]
+        if not all(goes_on):
+            live = _kept(live, torch.tensor(goes_on))
+        count = min(options.batch, options.tried - tried)
+        tried += count
+        draw = draw_candidates(count, options.order, options.lags, options.inputs, generator)
+        best, passed = _best(live, draw, start[live.windows], options)
+        _add(live, best, passed, options)
+        left = live.residual.square().sum(-1).tolist()
+        for k, window in enumerate(live.windows.tolist()):
+            model = built[window]
+            model.tried = tried
+            model.missed = 0 if bool(passed[k]) else model.missed + 1
+            if bool(passed[k]):
+                model.accepted.append(Cascades(*(value[k] for value in best)))
+                model.curve.append(left[k])
+
+
+def _goes_on(model: Built, options: PciOptions) -> bool:
+    """Apply the four rules."""
+    if model.curve[-1] <= options.target:
+        model.stopped = "target"
+    elif len(model.accepted) >= options.cascades:
+        model.stopped = "cascades"
+    elif model.missed >= options.misses:
+        model.stopped = "none passed"
+    elif model.tried >= options.tried:
+        model.stopped = "tried"
+    return not model.stopped
+
+
+def _kept(live: _Live, keep: Tensor) -> _Live:
+    """Return what goes on."""
+    return _Live(
+        windows=live.windows[keep],
+        rows=Rows(*(value[keep] for value in live.rows)),
+        residual=live.residual[keep],
+        spanned=live.spanned[keep],
+        correlations=live.correlations[keep],
+    )
+
+
+def _best(live: _Live, draw: Draw, start: Tensor, options: PciOptions) -> tuple[Cascades, Tensor]:
+    """Return the best candidate of each window, axes (B, 1, ...), and whether it passes, (B,)."""
+    lagged, _, root, count = live.rows
+    power = live.residual.square().sum(-1)
+    response = linear_responses(lagged, live.residual, root, power / start, draw)
+    fitted, explained = fit_cascades(lagged, live.residual, root, response, options.degree)
+    paper = options.acceptance == "paper"
+    if not paper:
+        left = live.residual / torch.where(root > 0, root, 1.0)
+        left = autocorrelations(left.unsqueeze(-1), root)
+        count = effective_rows(count, live.correlations, left)
+    freedom = draw.reads.sum(-1).double() + options.degree
+    least = acceptance_threshold(count, freedom, len(freedom), options.level, paper)
+    passes = explained > least * power.unsqueeze(-1)
+    place = torch.where(passes, explained, -1.0).argmax(-1)
+    each = torch.arange(len(place))
+    best = Cascades(*(value[each, place].unsqueeze(1) for value in fitted))
+    u = (lagged @ best.response.mT).squeeze(-1)
+    low = torch.where(root > 0, u, torch.inf).amin(-1, keepdim=True)
+    high = torch.where(root > 0, u, -torch.inf).amax(-1, keepdim=True)
+    return best._replace(low=low, high=high), passes.any(-1)
+
+
+def _add(live: _Live, best: Cascades, passed: Tensor, options: PciOptions) -> None:
+    """Take what the new cascades explain out of the residuals.
+
+    With a common refit that is what all polynomials explain together: their columns are kept
+    orthonormal, so that only the new ones are looked at.
+    """
+    u = live.rows.lagged @ best.response.mT
+    values = basis(u, best.shift.unsqueeze(1), best.norm.unsqueeze(1)).squeeze(-2)
+    values = values * (live.rows.root * passed.unsqueeze(-1)).unsqueeze(-1)
+    if not options.refit:
+        live.residual = live.residual - (values @ best.weight.mT).squeeze(-1)
+        return
+    spanned = live.spanned
+    for column in values[..., 1:].unbind(-1):
+        column = _outside(_outside(column.unsqueeze(-1), spanned), spanned)
+        norm = torch.linalg.vector_norm(column, dim=-2, keepdim=True)
+        column = torch.where(norm > DEPENDENT, column / norm.clamp(min=DEPENDENT), 0.0)
+        spanned = torch.cat((spanned, column), -1)
+    fresh = torch.cat((spanned[..., :1], spanned[..., live.spanned.shape[-1] :]), -1)
+    fresh = fresh * passed[:, None, None]
+    live.residual = _outside(live.residual.unsqueeze(-1), fresh).squeeze(-1)
+    live.spanned = spanned
+
+
+def _outside(columns: Tensor, spanned: Tensor) -> Tensor:
+    """Return columns less their part inside what is spanned."""
+    return columns - spanned @ (spanned.mT @ columns)
+
+
+def _joined(built: Built, window: int, rows: Rows, options: PciOptions) -> Cascades:
+    """Return the cascades of a window, their polynomials fitted together where asked."""
+    depth = rows.lagged.shape[-1]
+    if not built.accepted:
+        none = rows.target.new_zeros(0)
+        shape = none.reshape(0, options.degree)
+        wide = none.reshape(0, options.degree + 1)
+        return Cascades(none.reshape(0, depth), shape, shape, wide, none, none)
+    model = Cascades(*(torch.cat(parts) for parts in zip(*built.accepted, strict=True)))
+    return model._replace(weight=_refit(model, window, rows)) if options.refit else model
+
+
+def _refit(model: Cascades, window: int, rows: Rows) -> Tensor:
+    """Return the coefficients of all polynomials together, the shortest of the best fits."""
+    values = basis(rows.lagged[window] @ model.response.T, model.shift, model.norm)
+    columns = rows.root[window].unsqueeze(-1) * values.flatten(1)
+    target = rows.target[window].unsqueeze(-1)
+    solution = torch.linalg.lstsq(columns, target, driver="gelsd")
+    weight: Tensor = solution.solution.reshape(values.shape[1:])
+    return weight
