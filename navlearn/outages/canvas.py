@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from navlearn.errors import MissingExtraError
+from navlearn.outages.roles import ORACLES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -17,8 +18,9 @@ if TYPE_CHECKING:
 
 Dash = str | tuple[float, tuple[float, ...]]
 
-PALETTE = ("#0072B2", "#D55E00", "#009E73", "#B5478D", "#E69F00", "#56B4E9", "#8C6D31", "#555555")
+PALETTE = ("#0072B2", "#D55E00", "#009E73", "#B5478D", "#E69F00", "#56B4E9", "#8C6D31", "#6A3D9A")
 DASHES: tuple[Dash, ...] = ("-", (0.0, (6.0, 1.8)), (0.0, (6.0, 1.5, 1.5, 1.5)), (0.0, (2.2, 1.0)))
+GREYS = ("#4D4D4D", "#7F7F7F", "#A6A6A6")
 INK = "#333333"
 REFERENCE = "#000000"
 FIX = "#9AA5B1"
@@ -71,12 +73,22 @@ def save(figure: "Figure", path: Path) -> Path:
 def styles(methods: Iterable[str]) -> dict[str, tuple[str, Dash]]:
     """Return colour and dash of each method, the same in every figure of a run.
 
+    Oracles are grey and dashed: they are bounds, not competitors.
+
     Args:
         methods: Names, in the run's order.
     """
-    return {
-        name: (PALETTE[k % len(PALETTE)], DASHES[k % len(DASHES)]) for k, name in enumerate(methods)
-    }
+    names = list(methods)
+    competing = [name for name in names if name not in ORACLES]
+    oracles = [name for name in ORACLES if name in names]
+    look: dict[str, tuple[str, Dash]] = {}
+    for k, name in enumerate(competing):
+        # A second round of the colours has other dashes than the first.
+        turn = k + k // len(PALETTE)
+        look[name] = (PALETTE[k % len(PALETTE)], DASHES[turn % len(DASHES)])
+    for k, name in enumerate(oracles):
+        look[name] = (GREYS[k % len(GREYS)], DASHES[1 + k % (len(DASHES) - 1)])
+    return {name: look[name] for name in names}
 
 
 def logarithmic(axes: "Axes") -> None:

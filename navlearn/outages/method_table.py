@@ -2,9 +2,9 @@
 
 import pandas as pd
 
-from navlearn.outages.oracle_share import share_of_oracle
+from navlearn.outages.oracle_share import share_columns, share_of_oracle
 from navlearn.outages.roles import ORACLE
-from navlearn.outages.statistics import HEADLINE, averages, compare
+from navlearn.outages.statistics import HEADLINE, Judging, averages, compare
 
 
 def method_table(
@@ -29,13 +29,19 @@ def method_table(
     Returns:
         ``method``, ``outages``, ``failed``, ``mean``, ``median``, ``p90``; then per baseline
         the fields of :class:`~navlearn.outages.statistics.Comparison`, each followed by ``_vs_``
-        and the baseline's name; then, where there is an oracle, ``oracle_share_percent``,
-        ``oracle_share_low_percent`` and ``oracle_share_high_percent``, counted from the first
-        baseline; empty (NaN) where a method would be compared with itself.
+        and the baseline's name; then, where there is an oracle, the columns of
+        :func:`~navlearn.outages.oracle_share.share_columns`, counted from the first baseline;
+        empty (NaN) where a method would be compared with itself.
 
     Raises:
         ConfigError: The metric is not in the table, or an outage comes twice.
     """
+    judging: Judging = {
+        "metric": metric,
+        "confidence": confidence,
+        "resamples": resamples,
+        "seed": seed,
+    }
     present = [name for name in baselines if (rows["method"] == name).any()]
     measured = bool(present) and (rows["method"] == ORACLE).any()
     table = []
@@ -43,20 +49,10 @@ def method_table(
         line: dict[str, object] = {"method": method, **vars(averages(rows, method, metric))}
         for baseline in present:
             if method != baseline:
-                found = compare(
-                    rows, method, baseline, metric=metric,
-                    confidence=confidence, resamples=resamples, seed=seed,
-                )  # fmt: skip
+                found = compare(rows, method, baseline, **judging)
                 line |= {f"{key}_vs_{baseline}": value for key, value in vars(found).items()}
         if measured and method not in (present[0], ORACLE):
-            share = share_of_oracle(
-                rows, method, present[0], metric=metric,
-                confidence=confidence, resamples=resamples, seed=seed,
-            )  # fmt: skip
-            line |= {
-                "oracle_share_percent": share.share_percent,
-                "oracle_share_low_percent": share.low_percent,
-                "oracle_share_high_percent": share.high_percent,
-            }
+            share = share_of_oracle(rows, method, present[0], **judging)
+            line |= share_columns(share)
         table.append(line)
     return pd.DataFrame(table)

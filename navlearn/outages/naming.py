@@ -38,5 +38,15 @@ def with_unit(value: float, metric: str) -> str:
     return f"{value:.2f} {words_and_unit(metric)[1]}".rstrip()
 
 
+def counted(count: int, what: str) -> str:
+    """Return how many there are of something, such as ``1 outage`` and ``2 outages``.
+
+    Args:
+        count: How many.
+        what: Of what; it takes an s where there are several.
+    """
+    return f"{count} {what}{'' if count == 1 else 's'}"
+
+
 def _words(name: str) -> str:
     return " ".join(_SHORT.get(word, word) for word in name.split("_"))

@@ -87,6 +87,24 @@ def share_of_oracle(
     )
 
 
+def share_columns(share: OracleShare) -> dict[str, object]:
+    """Return a share as columns of a table.
+
+    Args:
+        share: The share.
+
+    Returns:
+        ``oracle_share_percent``, ``oracle_share_low_percent``, ``oracle_share_high_percent`` and
+        ``oracle_share_unknown_because``.
+    """
+    return {
+        "oracle_share_percent": share.share_percent,
+        "oracle_share_low_percent": share.low_percent,
+        "oracle_share_high_percent": share.high_percent,
+        "oracle_share_unknown_because": share.unknown_because,
+    }
+
+
 def _gains(sums: Array) -> Array:
     """Return what method and oracle gain, from sums of baseline, method, oracle, shape (..., 3)."""
     return np.asarray(sums[:, :1] - sums[:, 1:])

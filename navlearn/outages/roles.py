@@ -19,6 +19,9 @@ ORACLES: Final = (ORACLE, BOUND, "perfect_azimuth")
 PAPERS: Final = ("iqbal2020", "shen2010")
 """How the names of methods begin that work as a paper printed them."""
 
+BASELINE_VERDICTS: Final = {"helps": "better", "harms": "worse", "harmless": "no worse"}
+"""What is said of methods that do not learn: nothing of them acts, so nothing helps or harms."""
+
 
 def role_of(name: str, regime: str = "none") -> Role:
     """Return what part a method plays.
@@ -78,3 +81,18 @@ def oracles_last(names: Iterable[str]) -> list[str]:
         names: In the order of a run.
     """
     return sorted(names, key=lambda name: name in ORACLES)
+
+
+def verdict_words(verdict: str, role: Role, *, never_differs: bool = False) -> str:
+    """Return what a table says of a method.
+
+    Args:
+        verdict: Its verdict against a baseline.
+        role: The part it plays.
+        never_differs: Whether it equals the baseline in every outage.
+    """
+    if role != "learned":
+        return BASELINE_VERDICTS.get(verdict, verdict)
+    if never_differs:
+        return f"{verdict} (never acted)" if verdict == "harmless" else "never acted"
+    return verdict

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import TypedDict
 
 import numpy as np
 import pandas as pd
@@ -22,6 +23,15 @@ MARGIN_PERCENT = -3.0
 """A method whose whole interval lies above this improvement is harmless: by less the mean error
 may grow before anybody notices. It is a third of what counts as harm in a single outage, and of
 the ten metres that a good filter drifts in a minute it is less than a fix is off by."""
+
+
+class Judging(TypedDict, total=False):
+    """By what methods are judged: keywords of :func:`compare` and of all that stands on it."""
+
+    metric: str
+    confidence: float
+    resamples: int
+    seed: int
 
 
 @dataclass(frozen=True, kw_only=True)

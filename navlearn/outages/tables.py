@@ -43,7 +43,7 @@ def write_summary_json(path: Path, summary: RunSummary) -> Path:
         path: The file to write.
         summary: The run.
     """
-    text = json.dumps(_without_nan(summary_content(summary)), indent=2, ensure_ascii=False)
+    text = json.dumps(without_nan(summary_content(summary)), indent=2, ensure_ascii=False)
     path.write_text(text + "\n", encoding="utf-8")
     return path
 
@@ -110,11 +110,16 @@ def _drive(drive: DriveSummary) -> dict[str, object]:
     }
 
 
-def _without_nan(value: object) -> object:
+def without_nan(value: object) -> object:
+    """Return plain values with null for figures that are not known, as JSON has no NaN.
+
+    Args:
+        value: Numbers, words, lists and mappings of them.
+    """
     if isinstance(value, float) and not math.isfinite(value):
         return None
     if isinstance(value, Mapping):
-        return {str(key): _without_nan(entry) for key, entry in value.items()}
+        return {str(key): without_nan(entry) for key, entry in value.items()}
     if isinstance(value, list | tuple):
-        return [_without_nan(entry) for entry in value]
+        return [without_nan(entry) for entry in value]
     return value

@@ -5,7 +5,7 @@ A learned method helps or harms; a baseline is only better or worse than another
 
 import math
 
-from navlearn.outages.naming import with_unit
+from navlearn.outages.naming import counted, with_unit
 from navlearn.outages.run_summary import RunSummary, comparisons
 from navlearn.outages.statistics import FEWEST_UNITS, Comparison, averages
 
@@ -68,8 +68,8 @@ def sentence(method: str, baseline: str, found: Comparison, *, learned: bool = F
         f"{percent(found.improvement_percent)}, {interval})"
     )
     tail = (
-        f" It was better in {found.wins} of {_outages(found.pairs)}{equal} and more than 10 % "
-        f"worse in {found.harm_count}."
+        f" It was better in {found.wins} of {counted(found.pairs, 'outage')}{equal} and more "
+        f"than 10 % worse in {found.harm_count}."
     )
     if found.verdict in BASELINE_VERDICTS:
         said = found.verdict if learned else f"is {BASELINE_VERDICTS[found.verdict]}"
@@ -87,10 +87,6 @@ def percent(value: float) -> str:
     digits = 0 if abs(value) >= 1.0 else 1
     text = f"{value:+.{digits}f} %"
     return "0 %" if float(text[:-2]) == 0.0 else text.replace("-", "−")
-
-
-def _outages(count: int) -> str:
-    return f"{count} outage{'' if count == 1 else 's'}"
 
 
 def _how_much(improvement: float) -> str:
@@ -158,9 +154,9 @@ def _failures(summary: RunSummary) -> list[str]:
         found = averages(summary.rows, name, summary.metric)
         if found.failed:
             lines.append(
-                f"**{name}** failed in {found.failed} of {_outages(found.outages)} (reasons "
-                "below). Its averages leave them out and so flatter it; comparisons count them as "
-                "worse."
+                f"**{name}** failed in {found.failed} of {counted(found.outages, 'outage')} "
+                "(reasons below). Its averages leave them out and so flatter it; comparisons count "
+                "them as worse."
             )
     return lines
 
@@ -181,9 +177,9 @@ def _scope(summary: RunSummary) -> str:
     outages = sum(len(drive.placement.outages) for drive in summary.drives)
     if drives == 1:
         return (
-            f"All of this is about {_outages(outages)} of one drive. It tells nothing about other "
-            "cars, sensors or roads: a general claim needs several drives and about a hundred "
-            "outages."
+            f"All of this is about {counted(outages, 'outage')} of one drive. It tells nothing "
+            "about other cars, sensors or roads: a general claim needs several drives and about a "
+            "hundred outages."
         )
     rest = (
         ""

@@ -1,0 +1,53 @@
+"""Warns of gains that cannot be true: better in real time than with a gyro without error."""
+
+from collections.abc import Sequence
+
+import pandas as pd
+
+from navlearn.outages.naming import with_unit
+from navlearn.outages.roles import BOUND
+from navlearn.outages.statistics import HEADLINE, column, compare
+
+
+def leak_warnings(
+    rows: pd.DataFrame,
+    contenders: Sequence[str],
+    *,
+    metric: str = HEADLINE,
+    resamples: int = 5000,
+    seed: int = 0,
+    where: str = "",
+) -> list[str]:
+    """Return a warning for every method that beats the noise-free gyro on the mean.
+
+    Args:
+        rows: Table of outages, as ``outages.csv``.
+        contenders: Methods that run in real time; those not in the table are left out.
+        metric: Column to judge by.
+        resamples: Bootstrap draws.
+        seed: Of the draws.
+        where: Said in front, such as the class of gyros.
+    """
+    names = set(rows["method"].unique())
+    if BOUND not in names:
+        return []
+    lines = []
+    for name in contenders:
+        if name not in names:
+            continue
+        found = compare(rows, name, BOUND, metric=metric, resamples=resamples, seed=seed)
+        if not found.improvement_percent > 0.0:
+            continue
+        both = pd.concat([column(rows, one, metric) for one in (name, BOUND)], axis=1).dropna()
+        ours, bound = (with_unit(float(mean), metric) for mean in both.to_numpy().mean(axis=0))
+        sure = (
+            "the interval excludes chance"
+            if found.low_percent > 0.0
+            else "the interval includes zero, so it may be chance"
+        )
+        lines.append(
+            f"**Warning.** {where}**{name}** is better than **{BOUND}** ({ours} against {bound} "
+            f"on the mean; {sure}). No method that learns the gyro's error can be: a gain above "
+            "an oracle points to a leak or a bug, or to something learned besides the gyro."
+        )
+    return lines

@@ -1,0 +1,160 @@
+"""Says in plain words what a sweep found: per class who helps, who is harmless, who harms."""
+
+import math
+from collections.abc import Mapping
+
+import pandas as pd
+
+from navlearn.outages.leaks import leak_warnings
+from navlearn.outages.naming import counted, with_unit
+from navlearn.outages.roles import from_paper, having, real_time
+from navlearn.outages.run_summary import MethodSummary
+from navlearn.outages.statistics import MARGIN_PERCENT
+from navlearn.outages.sweep_summary import SweepSummary
+from navlearn.outages.sweep_tables import KEYS, cells_of
+from navlearn.outages.wording import percent
+
+GROUPS = ("helps", "harmless", "harms", "no evidence")
+
+
+def sweep_meaning(summary: SweepSummary, table: pd.DataFrame) -> list[str]:
+    """Return the paragraphs of "What this means".
+
+    Args:
+        summary: The sweep.
+        table: What :func:`~navlearn.outages.sweep_tables.sweep_table` made of its rows.
+    """
+    return [
+        *_classes(summary, table),
+        *_papers(summary.methods, table),
+        *_safeguard(summary.methods, table),
+        *_failures(table),
+    ]
+
+
+def sweep_warnings(summary: SweepSummary) -> list[str]:
+    """Return a warning for every gain of the sweep that cannot be true.
+
+    Args:
+        summary: The sweep.
+    """
+    return [
+        line
+        for (gyro_class, duration), part in cells_of(summary.rows)
+        for line in leak_warnings(
+            part,
+            real_time(summary.methods),
+            metric=summary.metric,
+            resamples=summary.resamples,
+            seed=summary.bootstrap_seed,
+            where=f"Class {gyro_class}, {duration:g} s: ",
+        )
+    ]
+
+
+def _classes(summary: SweepSummary, table: pd.DataFrame) -> list[str]:
+    lines = []
+    for (gyro_class, duration), part in cells_of(table):
+        base = part[part["method"] == summary.baseline].iloc[0]
+        words = summary.classes.get(gyro_class, "")
+        off_by = with_unit(base["mean"], summary.metric)
+        lines.append(
+            f"**Class {gyro_class}{f' ({words})' if words else ''}, {duration:g} s** "
+            f"({counted(base['outages'], 'outage')} of {counted(base['drives'], 'drive')}; "
+            f"**{summary.baseline}** is off by {off_by} on the mean): "
+            + "; ".join(_groups(part[part["role"] == "learned"]))
+            + "."
+            + _bounds(part)
+        )
+    return lines
+
+
+def _groups(learned: pd.DataFrame) -> list[str]:
+    found = []
+    for verdict in GROUPS:
+        mine = learned[learned["verdict"] == verdict]
+        mine = mine.sort_values("improvement_percent", ascending=False, kind="stable")
+        names = ", ".join(_gain(line) for _, line in mine.iterrows())
+        found.append(f"{verdict}: {names or 'none'}")
+    return found
+
+
+def _gain(line: "pd.Series") -> str:
+    if line["ties"] == line["pairs"] and line["failed_alone"] == 0:
+        return f"**{line['method']}** (never acted)"
+    said = percent(line["improvement_percent"])
+    if math.isfinite(line["low_percent"]):
+        said += f", {percent(line['low_percent'])} to {percent(line['high_percent'])}"
+    if math.isfinite(line["oracle_share_percent"]):
+        said += f", {line['oracle_share_percent']:.0f} % of the oracle's gain".replace("-", "−")
+    return f"**{line['method']}** ({said})"
+
+
+def _bounds(part: pd.DataFrame) -> str:
+    said = []
+    for role, words in (("post-processing", "With what came after, "), ("oracle", "Bounds: ")):
+        mine = part[(part["role"] == role) & part["improvement_percent"].notna()]
+        gains = ", ".join(
+            f"{line['method']} {percent(line['improvement_percent'])}"
+            for _, line in mine.iterrows()
+        )
+        if gains:
+            said.append(f" {words}{gains}.")
+    return "".join(said)
+
+
+def _papers(methods: Mapping[str, MethodSummary], table: pd.DataFrame) -> list[str]:
+    lines = []
+    for name in having(methods, "learned"):
+        mine = table[(table["method"] == name) & table["verdict"].notna()]
+        if not from_paper(name) or mine.empty:
+            continue
+        guarded = "behind the safeguard" if methods[name].guarded else "without a safeguard"
+        cells = "; ".join(
+            f"{_where(line)} {line['verdict']} ({percent(line['improvement_percent'])})"
+            for _, line in mine.iterrows()
+        )
+        lines.append(f"**The paper's own version {name}**, {guarded}: {cells}.")
+    return lines
+
+
+def _safeguard(methods: Mapping[str, MethodSummary], table: pd.DataFrame) -> list[str]:
+    guarded = [name for name in having(methods, "learned") if methods[name].guarded]
+    mine = table[table["method"].isin(guarded) & table["improvement_percent"].notna()]
+    if mine.empty:
+        return []
+    margin = percent(MARGIN_PERCENT)
+    worse = mine[mine["improvement_percent"] < MARGIN_PERCENT]
+    if worse.empty:
+        line = mine.iloc[int(mine["improvement_percent"].to_numpy(dtype=float).argmin())]
+        return [
+            f"**The safeguard holds**: no safeguarded method is worse than {margin} on the mean "
+            f"in any class. The worst is **{line['method']}** in {_where(line)} with "
+            f"{percent(line['improvement_percent'])}."
+        ]
+    cases = "; ".join(
+        f"**{line['method']}** in {_where(line)} ({percent(line['improvement_percent'])})"
+        for _, line in worse.iterrows()
+    )
+    return [
+        f"**The safeguard does not hold**: worse than {margin} on the mean, though safeguarded: "
+        f"{cases}."
+    ]
+
+
+def _failures(table: pd.DataFrame) -> list[str]:
+    failed = table[table["failed"] > 0]
+    if failed.empty:
+        return []
+    cases = "; ".join(
+        f"**{line['method']}** in {_where(line)} {line['failed']} of {line['outages']}"
+        for _, line in failed.iterrows()
+    )
+    return [
+        f"Failed outages: {cases}. Averages leave them out, harm counts hold them, and with them "
+        "no method is called helpful or harmless."
+    ]
+
+
+def _where(line: "pd.Series") -> str:
+    return f"{line[KEYS[0]]} {line[KEYS[1]]:g} s"
