@@ -76,7 +76,7 @@ def linearised_pass(
     )
     found = measured(model.measurement, end, line.occasion, noise)
     transition, q = ahead.linearised
-    shift = _shift(model, begin, end, line, transition)
+    shift = shift_of_blocks(model, begin, end, line, transition)
     zero = torch.zeros_like(start.covariance[..., 0])
     if verdict is None:
         verdict = (found.present > 0.5).to(torch.int64) * int(Verdict.ACCEPTED)
@@ -103,10 +103,21 @@ def linearised_pass(
         verdict = new.verdict
 
 
-def _shift(
+def shift_of_blocks(
     model: FilterModel, begin: Belief, end: Belief, line: Timeline, transition: Tensor
 ) -> Tensor:
-    """Return by how much a block's prediction moves because the one before ends elsewhere."""
+    """Return by how much a block's prediction moves because the one before ends elsewhere.
+
+    Args:
+        model: The filter.
+        begin: Beliefs at which blocks were linearised, batch shape (B, K).
+        end: Beliefs at the blocks' ends as predicted from there, batch shape (B, K).
+        line: The drives in blocks.
+        transition: Φ of each block, shape (B, K, n, n).
+
+    Returns:
+        Shift in the order of the error state, zero for the first block, shape (B, K, n).
+    """
 
     def before(x: Tensor) -> Tensor:
         return x[:, :-1]

@@ -101,7 +101,6 @@ class LooselyCoupledEkf(nn.Module):
                 "with at least one sample"
             )
         check_inputs(self.model, start, samples, fixes, timing)
-        fixes, timing = _at_least_one(fixes, timing, samples)
         line = timeline(self.model, samples, fixes, timing)
         history: FilterHistory | None = None
         if method == "fast" and self.model.closed:
@@ -196,13 +195,3 @@ def _without_batch(history: FilterHistory) -> FilterHistory:
         resets=history.resets[0],
         error=history.error[0],
     )
-
-
-def _at_least_one(
-    fixes: GnssFix, timing: FixTiming, samples: RissSample
-) -> tuple[GnssFix, FixTiming]:
-    if timing.index.shape[-1] > 0:
-        return fixes, timing
-    none = samples.dt.new_zeros((samples.dt.shape[0], 1))
-    absent = GnssFix(*(none for _ in fixes))
-    return absent, FixTiming(torch.full_like(none, -1, dtype=torch.int64), none)

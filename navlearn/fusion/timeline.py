@@ -41,12 +41,13 @@ def timeline(
     Args:
         model: The filter.
         samples: Samples, shape (B, T) each.
-        fixes: Fixes, shape (B, M) each, M >= 1.
+        fixes: Fixes, shape (B, M) each; M may be 0.
         timing: Where they fall, shape (B, M) each.
 
     Returns:
         Timeline.
     """
+    fixes, timing = _at_least_one(fixes, timing, samples)
     blocks = cut(samples.dt, timing.index, model.options.max_block)
     laid = samples_in_blocks(samples, blocks)
     if "delay" in model.errors.speed_terms or model.layout.has_velocity:
@@ -97,3 +98,13 @@ def trajectory_of_blocks(line: Timeline, inside: Trajectory, after: NavState) ->
         corrected.append(torch.scatter(channel, 1, blocks.end, value))
     lat, lon, height, azimuth = corrected
     return Trajectory(lat, lon, height, azimuth, flat.v_e, flat.v_n, flat.v_u)
+
+
+def _at_least_one(
+    fixes: GnssFix, timing: FixTiming, samples: RissSample
+) -> tuple[GnssFix, FixTiming]:
+    if timing.index.shape[-1] > 0:
+        return fixes, timing
+    none = samples.dt.new_zeros((samples.dt.shape[0], 1))
+    absent = GnssFix(*(none for _ in fixes))
+    return absent, FixTiming(torch.full_like(none, -1, dtype=torch.int64), none)
