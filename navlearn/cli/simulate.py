@@ -29,7 +29,10 @@ def simulate(
     ] = False,
     force: ForceOption = False,
 ) -> None:
-    """Simulate a drive and save it as a log with its truth as reference."""
+    """Simulate a drive and save it as a log with its truth as reference.
+
+    What only a simulation knows of its gyro lies beside it, for oracles.
+    """
     from navlearn.logs.formats.native import save_log
     from navlearn.logs.synthetic.sample import make_sample_drive
     from navlearn.logs.synthetic.simulate import simulate_drive
@@ -38,5 +41,5 @@ def simulate(
         folder = make_sample_drive(out, force=force)
     else:
         drive = simulate_drive(profile=profile, grade=grade, duration=duration, seed=seed)
-        folder = save_log(drive.log, out, force=force)
+        folder = save_log(drive.log, out, force=force, truth=drive.sensor_truth)
     typer.echo(f"Log: {folder}")

@@ -89,7 +89,7 @@ def save_sensor_truth(truth: SensorTruth, folder: Path) -> Path:
     path = folder / SENSOR_TRUTH
     table = pd.DataFrame({name: getattr(truth, name) for name in COLUMNS})
     compression = {"method": "gzip", "mtime": 0, "compresslevel": 6}
-    table.to_csv(path, index=False, float_format="%.17g", compression=compression)  # type: ignore[arg-type]
+    table.to_csv(path, index=False, float_format="%.17g", compression=compression)
     return path
 
 

@@ -17,6 +17,7 @@ from navlearn.logs.drive_log import DriveLog, LogMetadata
 from navlearn.logs.formats.csv_tables import read_frame
 from navlearn.logs.formats.finding import listing
 from navlearn.logs.nearest import nearest_hint
+from navlearn.logs.sensor_truth import SENSOR_TRUTH, SensorTruth, save_sensor_truth
 from navlearn.logs.validate import validate_log
 
 HEADER: Final = "log.json"
@@ -30,6 +31,7 @@ def save_log(
     *,
     table_format: Literal["csv", "parquet"] = "csv",
     force: bool = False,
+    truth: SensorTruth | None = None,
 ) -> Path:
     """Write a drive log into a folder.
 
@@ -38,6 +40,8 @@ def save_log(
         folder: Folder, made where it does not exist.
         table_format: ``csv`` (compressed) or ``parquet``, which needs pyarrow.
         force: Whether an earlier log in the folder may be replaced.
+        truth: What only a simulation knows of the log's gyro; written beside the tables, and
+            read by oracles alone.
 
     Returns:
         The folder.
@@ -51,7 +55,8 @@ def save_log(
     tables = log.tables()
     files = {name: f"{name}{_ENDINGS[table_format]}" for name in tables}
     header = _header(log, files)
-    every = (HEADER, *(f"{name}{ending}" for name in TABLES for ending in _ENDINGS.values()))
+    endings = _ENDINGS.values()
+    every = (HEADER, SENSOR_TRUTH, *(f"{name}{ending}" for name in TABLES for ending in endings))
     present = [name for name in every if (folder / name).exists()]
     if present and not force:
         raise OutputExistsError(
@@ -62,6 +67,8 @@ def save_log(
         (folder / name).unlink()
     for name, table in tables.items():
         _write(table, folder / files[name])
+    if truth is not None:
+        save_sensor_truth(truth.of(log), folder)
     (folder / HEADER).write_text(header, encoding="utf-8")
     return folder
 

@@ -1,16 +1,30 @@
 """A stated synthetic gyro error on a real log: semi-synthetic data, and called so."""
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from navlearn.errors import LogError
 from navlearn.logs.drive_log import DriveLog
+from navlearn.logs.sensor_truth import SensorTruth
 from navlearn.logs.synthetic.draws import Array
 from navlearn.logs.synthetic.figures import SensorGrade
 from navlearn.logs.synthetic.grades import find_grade
 from navlearn.logs.synthetic.inertial_errors import AXES, gyro_errors, warming
 from navlearn.logs.synthetic.log_parts import START_TEMPERATURE, thermometer
+
+
+class DegradedDrive(NamedTuple):
+    """A real drive with a synthetic gyro error.
+
+    Attributes:
+        log: The degraded log.
+        truth: The drive's own gyro and the parts of what was added to it.
+    """
+
+    log: DriveLog
+    truth: SensorTruth
 
 
 def degrade_gyro(log: DriveLog, grade: str | SensorGrade = "mems_l", seed: int = 0) -> DriveLog:
@@ -27,6 +41,24 @@ def degrade_gyro(log: DriveLog, grade: str | SensorGrade = "mems_l", seed: int =
 
     Returns:
         The degraded log; its name, sensors and ``extra["semi_synthetic"]`` say what was done.
+        :func:`degraded_drive` also tells what was added.
+
+    Raises:
+        LogError: The z gyro has values that are not finite.
+        ConfigError: No such grade.
+    """
+    return degraded_drive(log, grade, seed).log
+
+
+def degraded_drive(
+    log: DriveLog, grade: str | SensorGrade = "mems_l", seed: int = 0
+) -> DegradedDrive:
+    """Return what :func:`degrade_gyro` returns, and what an oracle may know of it.
+
+    Args:
+        log: Log with a gyro clearly better than the grade.
+        grade: Name of a sensor grade, or a grade; its gyro figures are used.
+        seed: Seed of every draw.
 
     Raises:
         LogError: The z gyro has values that are not finite.
@@ -65,7 +97,13 @@ def degrade_gyro(log: DriveLog, grade: str | SensorGrade = "mems_l", seed: int =
         sensors={**log.metadata.sensors, "imu": f"{before}; {note}" if before else note},
         extra={**log.metadata.extra, "semi_synthetic": stated},
     )
-    return replace(log, imu=imu, metadata=metadata)
+    truth = SensorTruth(
+        t=t,
+        yaw_rate=rate[:, 2],
+        gyro_error=errors[2].deterministic_total(),
+        gyro_drift=errors[2].drift(),
+    )
+    return DegradedDrive(replace(log, imu=imu, metadata=metadata), truth)
 
 
 def _triad(log: DriveLog, kind: str) -> Array:

@@ -47,6 +47,12 @@ class AxisErrors:
         total: Array = np.sum(list(self.deterministic.values()), axis=0)
         return total
 
+    def drift(self) -> Array:
+        """Return the sum of the slow random parts, all but the white noise, shape (N,)."""
+        slow = [part for name, part in self.stochastic.items() if name != "white"]
+        total: Array = np.sum(slow, axis=0)
+        return total
+
     def apply(self, ideal: Array) -> Array:
         """Return what the sensor reads where the truth is ``ideal``, shape (N,)."""
         read = ideal + self.deterministic_total() + np.sum(list(self.stochastic.values()), axis=0)

@@ -8,6 +8,7 @@ import pandas as pd
 
 from navlearn.errors import ConfigError
 from navlearn.logs.drive_log import DriveLog, LogMetadata
+from navlearn.logs.sensor_truth import SensorTruth
 from navlearn.logs.synthetic.aiding import fix_table, odometer_table, reference_table
 from navlearn.logs.synthetic.draws import Array
 from navlearn.logs.synthetic.figures import SensorGrade
@@ -63,6 +64,16 @@ class SimulatedDrive:
     def gyro_deterministic_error(self) -> Array:
         """Deterministic part of the z gyro's error, turn-on bias included, rad/s, shape (N,)."""
         return self.gyro_errors.deterministic_total()
+
+    @property
+    def sensor_truth(self) -> SensorTruth:
+        """What an oracle may know of the z gyro."""
+        return SensorTruth(
+            t=self.log.imu["t"].to_numpy(np.float64),
+            yaw_rate=self.ideal.imu["gyro_z"].to_numpy(np.float64),
+            gyro_error=self.gyro_errors.deterministic_total(),
+            gyro_drift=self.gyro_errors.drift(),
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
