@@ -9,7 +9,13 @@ import math
 import torch
 from torch import Tensor, nn
 
+from navlearn.error_models.fos_equation import name_channels
 from navlearn.error_models.pci_candidates import Cascades, basis
+from navlearn.error_models.pci_equation import (
+    PhysicalCascades,
+    physical_cascades,
+    write_cascades,
+)
 from navlearn.error_models.pci_options import PciOptions
 from navlearn.error_models.safeguard import clamp_and_standardise, count_outside
 from navlearn.error_models.scaling import Scaling, unit_scaling
@@ -151,3 +157,35 @@ class PciModel(nn.Module):
         start = self.initial_state(u[..., 0, :], y_start)
         rows = torch.cat((start, self.standardise_inputs(u)), -2)
         return self.respond(rows.unfold(-2, self.memory, 1).transpose(-1, -2))
+
+    @torch.jit.unused
+    def physical(self) -> PhysicalCascades:
+        """Return the cascades in physical units."""
+        cascades = Cascades(*(getattr(self, name) for name in Cascades._fields))
+        scalings = (
+            Scaling(*(getattr(self, f"{prefix}_{name}") for name in Scaling._fields))
+            for prefix in ("u", "y")
+        )
+        return physical_cascades(cascades, *scalings)
+
+    @torch.jit.unused
+    def equation(
+        self,
+        names: tuple[str, ...] = (),
+        output: str = "y",
+        units: tuple[str, ...] = (),
+        output_unit: str = "",
+    ) -> str:
+        """Return the model as equations: the sum, each polynomial, each linear response.
+
+        Args:
+            names: Names of the inputs, in order; none for u1, u2, ...
+            output: Name of the output.
+            units: Units of the inputs, in order; none to write no units.
+            output_unit: Unit of the output.
+
+        Raises:
+            ConfigError: The names or units are not as many as the inputs.
+        """
+        channels = name_channels(self.inputs, names, output, units, output_unit)
+        return write_cascades(self.physical(), *channels)

@@ -54,7 +54,8 @@ def draw_candidates(
 ) -> Draw:
     """Draw candidates; the first of several is always of first order and reads all channels.
 
-    A single one is drawn like any other. Columns of the lagged inputs are ordered by lag, then channel.
+    A single one is drawn like any other. Columns of the lagged inputs are ordered by lag, then
+    channel.
 
     Args:
         count: Number of candidates M.

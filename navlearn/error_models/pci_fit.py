@@ -20,6 +20,9 @@ from navlearn.error_models.pci_options import PciOptions
 from navlearn.error_models.scaling import Scaling, fit_scaling
 from navlearn.errors import FitError, ShapeError
 
+HELD = 2**18
+"""Values of one table of candidates by rows, over the windows that are treated at once."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class FittedPci(FittedErrorModel):
@@ -103,13 +106,16 @@ def fit_pci_windows(
         scaling = fit_scaling(x[k], weight[k]), fit_scaling(y[k].unsqueeze(-1), weight[k])
         scalings.append(scaling)
         parts.append(_rows(x[k], y[k], weight[k], options.lags, *scaling))
-    if not parts:
-        return []
-    rows = _weighted(*(torch.stack(part) for part in zip(*parts, strict=True)))
-    return [
-        _fitted(cascades, built, rows, k, scalings[k], x.shape[-2], options, source)
-        for k, (cascades, built) in enumerate(build_cascades(rows, options))
-    ]
+    size = max(1, HELD // (options.batch * x.shape[-2]))
+    fitted = []
+    for first in range(0, len(parts), size):
+        chunk = parts[first : first + size]
+        rows = _weighted(*(torch.stack(part) for part in zip(*chunk, strict=True)))
+        fitted += [
+            _fitted(cascades, built, rows, k, scalings[first + k], x.shape[-2], options, source)
+            for k, (cascades, built) in enumerate(build_cascades(rows, options))
+        ]
+    return fitted
 
 
 def _checked(

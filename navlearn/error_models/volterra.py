@@ -4,13 +4,13 @@ A cascade Σ p_d (Σ g_j x_j)^d has the kernels p_d g_j1 … g_jd; a parallel mo
 [Korenberg1991]. Limits and clamps of the safeguard are no part of them.
 """
 
-import math
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
 from navlearn.error_models.pci import PciModel
+from navlearn.error_models.pci_equation import shifted_powers
 
 
 class VolterraKernels(NamedTuple):
@@ -40,41 +40,15 @@ def volterra_kernels(model: PciModel) -> VolterraKernels:
     Args:
         model: Fitted model.
     """
-    response = model.response / model.u_scale
-    offset = -(response * model.u_mean).sum((-1, -2))
-    power = model.y_scale * _shifted(_powers(model), offset)
+    physical = model.physical()
+    power = torch.nn.functional.pad(physical.power, (1, 0))
+    power = shifted_powers(power, physical.offset)
     power = torch.nn.functional.pad(power, (0, max(0, 4 - power.shape[1])))
-    zeroth = model.y_mean.squeeze(0) + power[:, 0].sum()
-    g = response
+    zeroth = physical.constant + power[:, 0].sum()
+    g = physical.taps
     return VolterraKernels(
         zeroth,
         torch.einsum("k,kai->ai", power[:, 1], g),
         torch.einsum("k,kai,kbj->aibj", power[:, 2], g, g),
         torch.einsum("k,kai,kbj,kcl->aibjcl", power[:, 3], g, g, g),
     )
-
-
-def _powers(model: PciModel) -> Tensor:
-    """Return the polynomials' coefficients of powers of the linear output, shape (K, D + 1)."""
-    count, degree = model.shift.shape
-    before = torch.zeros(count, degree + 1, dtype=torch.float64)
-    here = before.clone()
-    here[:, 0] = 1.0
-    total = model.weight[:, :1] * here
-    for d in range(degree):
-        ahead = here.roll(1, -1) - model.shift[:, d : d + 1] * here
-        if d > 0:
-            ahead = ahead - model.norm[:, d - 1 : d] * before
-        before, here = here, ahead / model.norm[:, d : d + 1]
-        total = total + model.weight[:, d + 1 : d + 2] * here
-    return total
-
-
-def _shifted(power: Tensor, offset: Tensor) -> Tensor:
-    """Return the coefficients in v of polynomials in u = v + offset, shape (K, D + 1)."""
-    size = power.shape[1]
-    shifted = torch.zeros_like(power)
-    for d in range(size):
-        for q in range(d + 1):
-            shifted[:, q] += math.comb(d, q) * power[:, d] * offset ** (d - q)
-    return shifted

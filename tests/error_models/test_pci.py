@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import re
 
 import pytest
 import torch
@@ -185,6 +186,48 @@ def test_kernels_of_every_degree_equal_derivatives_at_zero(degree):
     second = found.second.flip(0).flip(2).reshape(6, 6)
     torch.testing.assert_close(2.0 * second, hessian, rtol=1e-8, atol=1e-8)
     assert degree > 2 or not bool(found.third.any())
+
+
+def read_sum(line, values):
+    """Return the value of a written sum, given what its factors stand for."""
+    total = 0.0
+    for sign, number, factor in re.findall(
+        r"([+-])(\d[\d.e+-]*)(?: [^·\s+-]\S*)?(?: · (\S+))?", line.partition(" = ")[2]
+    ):
+        total += float(sign + number) * (values[factor] if factor else 1.0)
+    return total
+
+
+@pytest.mark.parametrize("units", [(), ("m/s", "rad/s")])
+def test_the_written_equations_say_what_the_model_does(units):
+    x, y, _ = double(600)
+    options = PciOptions(inputs=2, lags=2, cascades=2, safeguard=False)
+    model = fit_pci(x, y + noise(600), options).model
+    lines = model.equation(("speed", "rate"), "error", units, "m" if units else "").splitlines()
+    assert len(lines) == 1 + 3 * len(model.response)
+    if units:
+        assert " m · v1[k]³" in lines[1]
+        assert " s/m · speed[k-1]" in lines[2]
+        assert " s/rad · rate[k]" in lines[2]
+    window = {
+        f"{name}[k-{lag}]".replace("[k-0]", "[k]"): float(x[99 - lag, i])
+        for i, name in enumerate(("speed", "rate"))
+        for lag in range(3)
+    }
+    total = read_sum(lines[0].partition(" + w1")[0], {})
+    for c in (1, 2):
+        v = read_sum(lines[3 * c - 1], window)
+        low, high = (float(bound) for bound in lines[3 * c].split(f" <= v{c}[k] <= "))
+        assert low * 1.01 <= v <= high * 1.01
+        total += read_sum(lines[3 * c - 2], {f"v{c}[k]": v, f"v{c}[k]²": v**2, f"v{c}[k]³": v**3})
+    assert total == pytest.approx(float(model(x)[99, 0]), rel=1e-3)
+
+
+def test_without_cascades_the_equation_is_the_mean():
+    model = fit_pci(noise(600, 1), 3.0 + noise(600, seed=1), PciOptions()).model
+    assert model.equation() == f"y[k] = {float(model.y_mean):+.6g}"
+    with pytest.raises(ConfigError, match="2 names"):
+        model.equation(("one", "two"))
 
 
 def accepted_on_noise(options, draws, rows=600, memory=0.0):
@@ -395,7 +438,7 @@ def test_windows_at_once_equal_one_by_one(options):
 
 def test_windows_are_asked_for_as_windows():
     x, y = single(100)
-    assert fit_pci_windows(x[None, :0].expand(0, -1, -1), y[None, :0][:0], PciOptions()) == []
+    assert fit_pci_windows(x[None][:0], y[None][:0], PciOptions()) == []
     with pytest.raises(ShapeError, match=r"windows \(B, T, 1\)"):
         fit_pci_windows(x, y, PciOptions())
 
