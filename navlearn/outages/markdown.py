@@ -17,14 +17,14 @@ def markdown_table(header: Sequence[str], lines: Sequence[Sequence[str]], *, tex
 
 
 def number(value: object, digits: int = 2) -> str:
-    """Return a figure with so many digits, or a dash where there is none.
+    """Return a figure with so many digits and a true minus, or a dash where there is none.
 
     Args:
         value: The figure.
         digits: After the point.
     """
     number = float(value)  # type: ignore[arg-type]
-    return f"{number:.{digits}f}" if math.isfinite(number) else "–"
+    return f"{number:.{digits}f}".replace("-", "−") if math.isfinite(number) else "–"
 
 
 def signed(value: float) -> str:
@@ -33,4 +33,7 @@ def signed(value: float) -> str:
     Args:
         value: The figure.
     """
-    return f"{value:+.1f}".replace("-", "−") if math.isfinite(value) else "–"
+    if not math.isfinite(value):
+        return "–"
+    text = f"{value:+.1f}".replace("-", "−")
+    return "0.0" if text[1:] == "0.0" else text

@@ -1,16 +1,18 @@
 """Writes ``report.md``: what was asked, how it was judged, what came out, what it means."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import pandas as pd
 
 from navlearn.outages.markdown import markdown_table, number
-from navlearn.outages.report_methods import methods_section
+from navlearn.outages.meaning import meaning, run_warnings
+from navlearn.outages.published import published_section
+from navlearn.outages.report_methods import in_order, methods_section
+from navlearn.outages.roles import real_time
 from navlearn.outages.run_summary import DriveSummary, RunSummary
 from navlearn.outages.schedule import OutageProtocol
-from navlearn.outages.wording import meaning
 
 MOST_OUTAGES = 60
 
@@ -35,14 +37,16 @@ def report_text(summary: RunSummary) -> str:
     Args:
         summary: The run.
     """
+    warned = run_warnings(summary)
     sections = [
         f"# {summary.title}\n",
-        *(f"> {remark}\n" for remark in summary.remarks),
+        *(f"> {remark}\n" for remark in (*warned, *summary.remarks)),
         f"**Question.** {summary.question}\n",
         "## What this means\n",
-        *(f"- {line}" for line in meaning(summary)),
+        *(f"- {line}" for line in (*warned, *meaning(summary))),
         "\n## Methods side by side\n",
         *methods_section(summary),
+        *published_section(summary.published),
         "\n## Drives and protocol\n",
         *(_drive_text(drive) for drive in summary.drives),
         _protocol_text(summary.protocol),
@@ -131,19 +135,23 @@ def _outage_section(summary: RunSummary) -> list[str]:
     )
     first = rows.drop_duplicates(["drive", "outage"]).set_index(["drive", "outage"])
     several = len(summary.drives) > 1
-    header = ["outage", "start s", "dynamics", "distance m", *summary.methods]
+    methods, competing = in_order(summary), real_time(summary.methods)
+    header = ["outage", "start s", "dynamics", "distance m", *methods]
     lines = []
     for key in list(first.index)[:MOST_OUTAGES]:
         about = first.loc[key]
-        values = [float(table.loc[key].get(name, math.nan)) for name in summary.methods]
+        values = {name: float(table.loc[key].get(name, math.nan)) for name in methods}
         name = f"{key[0]} {key[1]}" if several else str(key[1])
         lines.append(
             [
                 name, f"{about['start_s']:.1f}", str(about["dynamics"]),
-                number(about["distance_m"], 0), *_best_in_bold(values),
+                number(about["distance_m"], 0), *_best_in_bold(values, competing),
             ]
         )  # fmt: skip
-    out = [f"`{summary.metric}`, the smallest in bold.\n", markdown_table(header, lines)]
+    whose = (
+        "" if len(competing) == len(methods) else " of the methods that run while the car drives"
+    )
+    out = [f"`{summary.metric}`, the smallest{whose} in bold.\n", markdown_table(header, lines)]
     if len(first) > MOST_OUTAGES:
         out.append(f"The first {MOST_OUTAGES} of {len(first)}; all are in `outages.csv`.\n")
     failed = rows.loc[rows["failure"] != "", ["drive", "method", "outage", "failure"]]
@@ -151,11 +159,11 @@ def _outage_section(summary: RunSummary) -> list[str]:
     return out
 
 
-def _best_in_bold(values: Sequence[float]) -> list[str]:
-    known = [value for value in values if math.isfinite(value)]
+def _best_in_bold(values: Mapping[str, float], competing: Sequence[str]) -> list[str]:
+    best = min((values[name] for name in competing if math.isfinite(values[name])), default=None)
     return [
-        f"**{number(value)}**" if known and value == min(known) else number(value)
-        for value in values
+        f"**{number(value)}**" if name in competing and value == best else number(value)
+        for name, value in values.items()
     ]
 
 

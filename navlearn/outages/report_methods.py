@@ -1,18 +1,35 @@
 """The part of a report that sets methods side by side."""
 
+from collections.abc import Callable, Mapping, Sequence
+
+from navlearn.outages.acting import safeguard_section
 from navlearn.outages.markdown import markdown_table, number, signed
+from navlearn.outages.meaning import oracle_shares
 from navlearn.outages.naming import axis_label
+from navlearn.outages.oracle_share import OracleShare
+from navlearn.outages.roles import Role, having, roles, verdict_words
 from navlearn.outages.run_summary import RunSummary, comparisons
-from navlearn.outages.statistics import Comparison, averages
-from navlearn.outages.wording import BASELINE_VERDICTS
+from navlearn.outages.statistics import MARGIN_PERCENT, Comparison, averages
+from navlearn.outages.wording import never_differs, percent
 
 REGIMES = {
     "none": "nothing is learned",
     "online": "learned on this drive, anew for each outage, from what lies before it",
     "other-drives": "learned on other drives, then frozen",
     "adapted": "learned on other drives, then adapted to what lies before each outage",
+    "post-processing": (
+        "nothing is learned, but the fixes after each outage are seen, none inside it: for work "
+        "on recorded drives, not a real-time method"
+    ),
 }
 """Training regimes in words."""
+
+GROUPS: tuple[tuple[tuple[Role, ...], str], ...] = (
+    (("baseline", "learned"), ""),
+    (("post-processing",), "Post-processing, which knows what came after; no competitor:"),
+    (("oracle",), "Oracles, which know what no car can; bounds, no competitors:"),
+)
+"""Methods that are shown in one table, and what stands above it."""
 
 OTHER_FIGURES = (
     "rms_horizontal_error_m",
@@ -33,79 +50,130 @@ def methods_section(summary: RunSummary) -> list[str]:
     Args:
         summary: The run.
     """
-    table = {name: averages(summary.rows, name, summary.metric) for name in summary.methods}
     out = [
         f"By `{summary.metric}`: {axis_label(summary.metric)} of each outage, then the mean, "
-        "median and 90th percentile over the outages.\n"
+        "median and 90th percentile over the outages.\n",
+        *_by_group(summary, list(summary.methods), _averages_table),
     ]
-    out.append(
-        markdown_table(
-            ("method", "training", "outages", "failed", "mean", "median", "90 %"),
-            [
-                (
-                    name,
-                    about.regime,
-                    str(table[name].outages),
-                    str(table[name].failed),
-                    *(number(v) for v in (table[name].mean, table[name].median, table[name].p90)),
-                )
-                for name, about in summary.methods.items()
-            ],
-        )
-    )
     out += [f"- **{name}**: {about.description}" for name, about in summary.methods.items()]
     out += [f"- {name}: {note}" for name, about in summary.methods.items() for note in about.notes]
     used = dict.fromkeys(about.regime for about in summary.methods.values())
     out += [f"- Training `{regime}`: {REGIMES[regime]}." for regime in used if regime in REGIMES]
-    for baseline in summary.baselines:
+    shares = oracle_shares(summary)
+    for k, baseline in enumerate(summary.baselines):
         found = comparisons(summary, baseline)
         if found:
-            out += [f"\n### Against `{baseline}`\n", _comparison_table(summary, found)]
+            out += [f"\n### Against `{baseline}`\n"]
+            out += _comparison_tables(summary, found, shares if k == 0 else {})
+    out += safeguard_section(summary.rows, list(summary.methods))
     out += ["\n### Other figures (median over outages)\n", _other_figures(summary)]
     return out
 
 
-def _comparison_table(summary: RunSummary, found: dict[str, Comparison]) -> str:
-    header = (
+def in_order(summary: RunSummary) -> list[str]:
+    """Return the methods of a run with those behind that do not compete.
+
+    Args:
+        summary: The run.
+    """
+    return [name for wanted, _ in GROUPS for name in having(summary.methods, *wanted)]
+
+
+def _by_group(
+    summary: RunSummary, names: Sequence[str], table: Callable[[RunSummary, list[str]], str]
+) -> list[str]:
+    """Return a table of the competitors, and one each of those that are not, with a heading."""
+    out = []
+    for wanted, heading in GROUPS:
+        mine = [name for name in having(summary.methods, *wanted) if name in names]
+        if mine:
+            out += [f"{heading}\n"] if heading else []
+            out.append(table(summary, mine))
+    return out
+
+
+def _averages_table(summary: RunSummary, names: list[str]) -> str:
+    lines = []
+    for name in names:
+        found = averages(summary.rows, name, summary.metric)
+        figures = (number(value) for value in (found.mean, found.median, found.p90))
+        regime = summary.methods[name].regime
+        lines.append((name, regime, str(found.outages), str(found.failed), *figures))
+    return markdown_table(
+        ("method", "training", "outages", "failed", "mean", "median", "90 %"), lines
+    )
+
+
+def _comparison_tables(
+    summary: RunSummary, found: dict[str, Comparison], shares: Mapping[str, OracleShare]
+) -> list[str]:
+    def table(summary: RunSummary, names: list[str]) -> str:
+        return _comparison_table(summary, {name: found[name] for name in names}, shares)
+
+    drawn = {f"{one.units} {one.drawn_by}s" for one in found.values()}
+    note = (
+        "Improvement: by how much the mean error is smaller than the baseline's (negative: "
+        f"larger); paired bootstrap drawn from {' / '.join(sorted(drawn))}. A method helps where "
+        "the interval lies above zero, and harms where it lies below. It is harmless where all of "
+        f"the interval lies above {percent(MARGIN_PERCENT)}: less than a third of what counts as "
+        "harm in a single outage, and not to be noticed beside the error of a fix. Anything else "
+        "is no evidence.\n"
+    )
+    if shares:
+        note += (
+            "\nShare of the oracle: of the gain that knowing the deterministic sensor errors "
+            "brings, with its 95 % interval; a dash where that gain is not clear of zero.\n"
+        )
+    return [*_by_group(summary, list(found), table), note]
+
+
+def _comparison_table(
+    summary: RunSummary, found: dict[str, Comparison], shares: Mapping[str, OracleShare]
+) -> str:
+    header = [
         "method", "improvement %", "95 % interval", "better in", "sign test p",
         "over 10 % worse in", "verdict",
-    )  # fmt: skip
+    ]  # fmt: skip
+    played = roles(summary.methods)
     lines = [
-        (
+        [
             name,
             signed(one.improvement_percent),
             f"{signed(one.low_percent)} to {signed(one.high_percent)}",
             f"{one.wins} of {one.pairs}" + (f", {one.ties} equal" if one.ties else ""),
             f"{one.sign_test_p:.3f}",
             str(one.harm_count),
-            _verdict(summary, name, one),
-        )
+            verdict_words(one.verdict, played[name], never_differs=never_differs(one)),
+        ]
         for name, one in found.items()
     ]
-    drawn = {f"{one.units} {one.drawn_by}s" for one in found.values()}
-    note = (
-        "Improvement: by how much the mean error is smaller than the baseline's (negative: "
-        f"larger); paired bootstrap drawn from {' / '.join(sorted(drawn))}. A verdict is given "
-        "only where the interval excludes zero.\n"
-    )
-    return markdown_table(header, lines) + "\n" + note
+    if shares:
+        header.append("share of oracle %")
+        lines = [[*line, share_words(shares.get(line[0]))] for line in lines]
+    return markdown_table(header, lines)
 
 
-def _verdict(summary: RunSummary, name: str, found: Comparison) -> str:
-    if summary.methods[name].regime == "none":
-        return BASELINE_VERDICTS.get(found.verdict, "no evidence")
-    if found.pairs and found.ties == found.pairs and found.failed == 0:
-        return "never acted"
-    return found.verdict
+def share_words(share: OracleShare | None) -> str:
+    """Return a share with its interval, or a dash where there is none.
+
+    Args:
+        share: The share of the oracle's gain.
+    """
+    if share is None or share.unknown_because:
+        return "–"
+    ends = (share.low_percent, share.high_percent)
+    shown = (number(value, 0) for value in (share.share_percent, *ends))
+    return "{} ({} to {})".format(*shown)
 
 
 def _other_figures(summary: RunSummary) -> str:
     shown = [name for name in OTHER_FIGURES if summary.rows[name].notna().any()]
+    methods = in_order(summary)
     medians = summary.rows.groupby("method")[shown].median()
     table = markdown_table(
-        ("figure", *summary.methods),
+        ("figure", *methods),
         [
-            (f"`{name}`", *(number(medians.loc[method, name]) for method in summary.methods))
+            (f"`{name}`", *(number(medians.loc[method, name]) for method in methods))
             for name in shown
         ],
     )

@@ -9,10 +9,13 @@ from pathlib import Path
 import pandas as pd
 
 from navlearn.errors import ConfigError
+from navlearn.outages.acting import Acting, acting, reasons
+from navlearn.outages.meaning import meaning, oracle_shares, run_warnings
 from navlearn.outages.metrics import FIGURES
+from navlearn.outages.oracle_share import OracleShare
+from navlearn.outages.roles import role_of
 from navlearn.outages.run_summary import DriveSummary, RunSummary, comparisons
-from navlearn.outages.statistics import averages
-from navlearn.outages.wording import meaning
+from navlearn.outages.statistics import Comparison, averages
 
 HEAD = ("drive", "method", "outage", "start_s", "duration_s", "dynamics", "distance_m")
 SUMMARISED = tuple(name for name in FIGURES if "error" in name and "track" not in name)
@@ -54,6 +57,8 @@ def summary_content(summary: RunSummary) -> dict[str, object]:
     Args:
         summary: The run.
     """
+    versus = {baseline: comparisons(summary, baseline) for baseline in summary.baselines}
+    shares = oracle_shares(summary)
     return {
         "title": summary.title,
         "question": summary.question,
@@ -65,19 +70,30 @@ def summary_content(summary: RunSummary) -> dict[str, object]:
         "drives": [_drive(drive) for drive in summary.drives],
         "metric": summary.metric,
         "baselines": list(summary.baselines),
-        "methods": {name: _method(summary, name) for name in summary.methods},
+        "methods": {
+            name: _method(summary, name, versus, shares.get(name)) for name in summary.methods
+        },
+        "warnings": [line.replace("**", "") for line in run_warnings(summary)],
         "meaning": [line.replace("**", "") for line in meaning(summary)],
+        "published": [asdict(one) for one in summary.published],
         "figures": dict(summary.figures),
     }
 
 
-def _method(summary: RunSummary, name: str) -> dict[str, object]:
+def _method(
+    summary: RunSummary,
+    name: str,
+    versus: Mapping[str, Mapping[str, Comparison]],
+    share: OracleShare | None,
+) -> dict[str, object]:
     about = summary.methods[name]
     mine = summary.rows[summary.rows["method"] == name]
     found = {metric: averages(mine, name, metric) for metric in SUMMARISED}
+    verdicts = acting(mine, name)
     return {
         "description": about.description,
         "training_regime": about.regime,
+        "role": role_of(name, about.regime),
         "notes": list(about.notes),
         "outages": len(mine),
         "failed": int(mine[summary.metric].isna().sum()),
@@ -86,11 +102,16 @@ def _method(summary: RunSummary, name: str) -> dict[str, object]:
             for metric, one in found.items()
         },
         "versus": {
-            baseline: asdict(comparisons(summary, baseline)[name])
-            for baseline in summary.baselines
-            if baseline in summary.methods and baseline != name
+            baseline: asdict(found[name]) for baseline, found in versus.items() if name in found
         },
+        "share_of_oracle": None if share is None else asdict(share),
+        "safeguard": None if verdicts is None else _safeguard(mine, name, verdicts),
     }
+
+
+def _safeguard(rows: pd.DataFrame, name: str, verdicts: Acting) -> dict[str, object]:
+    found = reasons(rows, [name])[["used", "outages", "reason"]]
+    return {**asdict(verdicts), "reasons": found.to_dict(orient="records")}
 
 
 def _drive(drive: DriveSummary) -> dict[str, object]:

@@ -14,6 +14,7 @@ from navlearn.logs.drive_log import DriveLog
 from navlearn.outages import canvas
 from navlearn.outages.maps import Scene, plot_drifts, plot_track
 from navlearn.outages.markdown import markdown_table
+from navlearn.outages.meaning import meaning
 from navlearn.outages.naming import axis_label, with_unit
 from navlearn.outages.output import prepare_output_folder
 from navlearn.outages.placement import place_outages
@@ -25,7 +26,7 @@ from navlearn.outages.run_summary import DriveSummary, MethodSummary, RunSummary
 from navlearn.outages.schedule import Outage, OutageProtocol
 from navlearn.outages.statistics import Comparison, compare
 from navlearn.outages.tables import write_outages_csv
-from navlearn.outages.wording import meaning, percent, sentence
+from navlearn.outages.wording import percent, sentence
 
 MakeLog = Callable[..., DriveLog]
 PROTOCOL = OutageProtocol(count=6, duration=30.0)
@@ -132,7 +133,8 @@ def test_report_tells_the_whole_story(run: tuple[RunSummary, list[Scene]]) -> No
     assert "(6 straight), judged by its truth. Licence of the data: CC0." in text
     # anarx: five outages of 3 m and one of 9 m against six of 6 m.
     assert "the mean error of **anarx** is 33 % smaller (improvement +33 %" in text
-    assert "It was better in 5 of 6 outages and more than 10 % worse in 1." in text
+    assert "It was better in 5 of 6 outages (83 %) and more than 10 % worse in 1." in text
+    assert "The 90th percentile is 6.00 m (ekf: 6.00 m)." in text
     assert "| anarx | +33.3 |" in text
     assert "| 3 | 528.0 | straight | 300 | 12.00 | **6.00** | 9.00 |" in text
     assert "| 2 | 414.0 | straight | 300 | – | 6.00 | **3.00** |" in text
@@ -256,12 +258,15 @@ def compared(ours: list[float], theirs: list[float]) -> Comparison:
 
 
 TEN = [5.0, 7.0, 6.0, 8.0, 5.0, 9.0, 6.0, 7.0, 5.0, 8.0]
+CLOSE = [0.99, 1.0, 1.01, 0.98, 1.0, 1.0, 1.01, 1.0, 0.98, 1.005]
 MIXED = [0.9, 1.1, 0.8, 1.2, 1.0, 0.9, 1.1, 1.0, 0.95, 1.05]
 
 
 @pytest.mark.parametrize(
     ("factors", "learned", "as_baseline"),
     [
+        ([1.02] * 10, "it harms in these outages", "it is worse in these outages"),
+        (CLOSE, "it is harmless in these outages, because the whole", "it is no worse in these"),
         ([0.5] * 10, "it helps in these outages", "it is better in these outages"),
         ([3.5] * 10, "it harms in these outages", "it is worse in these outages"),
         (MIXED, "no evidence that it helps or harms", "no evidence of a difference"),
@@ -301,12 +306,14 @@ def test_a_gain_that_the_filter_has_alone_is_not_the_models(
     rows = pd.concat([rows[rows["method"] != "anarx"], plain, gated])
     methods = {**run[0].methods, "ekf_plain": MethodSummary(description="no bias")}
     lines = meaning(replace(run[0], rows=rows, methods=methods))
-    assert lines[0].startswith("**anarx** equals **ekf** in all 6 outages: it never acted")
+    assert lines[0].startswith(
+        "**anarx: harmless (never acted).** **anarx** equals **ekf** in all 6 outages: it never"
+    )
     assert lines[1].endswith(
         "But **ekf** alone gains +90 % there: this is no merit of what was learned."
     )
     text = report_text(replace(run[0], rows=rows, methods=methods))
-    assert "| 0 | never acted |" in text
+    assert "| 0 | harmless (never acted) |" in text
     assert "| 6 of 6 | 0.031 | 0 | better |" in text
 
 
