@@ -10,12 +10,17 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from navlearn.experiment.anarx_method import AnarxMethod
+from navlearn.experiment.azimuth_method import AzimuthMethod
 from navlearn.experiment.baselines import DeadReckoning, FilterMethod, FilterRuns
 from navlearn.experiment.learned import Learned
+from navlearn.experiment.rts_method import SmoothedFilter
 from navlearn.logs.sensor_truth import SensorTruth
+from navlearn.experiment.pseudo_outage_method import PseudoOutageMethod
 from navlearn.outages.replay import Method
 from navlearn.recipe import Recipe
 from navlearn.recipe.anarx_spec import AnarxSpec
+from navlearn.recipe.pseudo_outage_spec import PseudoOutageSpec
+from navlearn.recipe.azimuth_spec import AzimuthSpec
 from navlearn.recipe.spec_base import SpecBase
 
 Keep = Callable[[str, Learned], None]
@@ -42,11 +47,14 @@ FIXED: Final[dict[str, Callable[[MethodContext], Method]]] = {
     "dead_reckoning": lambda context: DeadReckoning(context.recipe),
     "ekf_plain": lambda context: FilterMethod(context.runs, "ekf_plain"),
     "ekf": lambda context: FilterMethod(context.runs, "ekf"),
+    "rts": lambda context: SmoothedFilter(context.runs),
 }
 """Builders of the methods that need no spec."""
 
 LEARNED: Final[dict[type[SpecBase], Callable[[MethodContext, Any], Method]]] = {
     AnarxSpec: lambda context, spec: AnarxMethod(context.runs, spec, context.keep),
+    PseudoOutageSpec: lambda context, spec: PseudoOutageMethod(context.runs, spec, None),
+    AzimuthSpec: lambda context, spec: AzimuthMethod(context.runs, spec, context.keep),
 }
 """Builders of the methods that learn, by the class of their spec."""
 

@@ -1,30 +1,79 @@
-"""What a navigator can know by the end of an outage: causality by absence."""
+"""What a method may know of a drive when it navigates through an outage: causality by absence.
 
+Real-time methods get the drive up to the outage's end. A post-processing method declares with an
+attribute ``sees_after`` how many seconds after the end it may see as well; of what lies inside
+the outage it gets no more than the others.
+"""
+
+from collections.abc import Mapping
 from dataclasses import replace
 
 import pandas as pd
 
+from navlearn.errors import ConfigError
 from navlearn.logs.drive_log import DriveLog
 from navlearn.outages.schedule import Outage
 
 
-def known_log(log: DriveLog, outage: Outage) -> DriveLog:
-    """Return what a navigator can know by the end of an outage.
+def known_log(log: DriveLog, outage: Outage, *, after: float = 0.0) -> DriveLog:
+    """Return what a method may know for an outage.
 
     Args:
         log: The whole drive.
         outage: The outage.
+        after: How long after the outage's end the method sees fixes and sensors, s; 0 for all
+            that navigate in real time.
 
     Returns:
-        The log without fixes from the outage's start, without sensor samples after its end,
-        without reference.
+        The log without fixes from the outage's start, but for those between its end and
+        ``after`` later; without sensor samples after that; without reference.
     """
-    return replace(
+    last = outage.end + after
+    known = replace(
         log.without_fixes_from(outage.start),
-        imu=_until(log.imu, outage.end),
-        odometer=_until(log.odometer, outage.end),
+        imu=_until(log.imu, last),
+        odometer=_until(log.odometer, last),
         reference=None,
     )
+    if after == 0.0:
+        return known
+    t = log.fixes["t"]
+    seen = (t < outage.start) | ((t >= outage.end) & (t <= last))
+    return replace(known, fixes=log.fixes[seen])
+
+
+def sees_after(method: object) -> float:
+    """Return how long after an outage's end a method sees, s; 0 for one that does not say.
+
+    Args:
+        method: The method.
+
+    Raises:
+        ConfigError: It declares a negative time.
+    """
+    declared = float(getattr(method, "sees_after", 0.0))
+    if not declared >= 0.0:
+        raise ConfigError(
+            f"{type(method).__name__}.sees_after: found {declared}; give the seconds after an "
+            "outage's end that the method may see, or 0 for none"
+        )
+    return declared
+
+
+def settings_with_sight(
+    methods: Mapping[str, object], settings: Mapping[str, object] | None
+) -> dict[str, object]:
+    """Return a replay's settings, with what post-processing methods see added to theirs.
+
+    Args:
+        methods: By name.
+        settings: Per method, the plain values that it was built from.
+    """
+    told = dict(settings or {})
+    for name, method in methods.items():
+        if name in told and sees_after(method) > 0.0:
+            told[name] = {"settings": told[name], "sees_after": sees_after(method)}
+    return told
 
 
 def _until(table: pd.DataFrame, end: float) -> pd.DataFrame:

@@ -1,7 +1,8 @@
 """Replays outages on a drive, causally, and scores what each method made of them.
 
 A method is handed a log in which no fix at or after the outage's start exists, no sensor sample
-after its end, and no reference at all. Leaks are shut out by absence, not by promise.
+after its end, and no reference at all; only post-processing methods, which say so, also get what
+comes after the end. Leaks are shut out by absence, not by promise.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -17,7 +18,7 @@ from navlearn.errors import ConfigError, FilterDivergedError, FitError, LogError
 from navlearn.logs.drive_log import DriveLog
 from navlearn.outages.acting import verdict_columns
 from navlearn.outages.dynamics import classify_outage
-from navlearn.outages.known_log import known_log
+from navlearn.outages.known_log import known_log, sees_after, settings_with_sight
 from navlearn.outages.metrics import (
     FIGURES,
     check_solution,
@@ -46,14 +47,18 @@ class Solution:
 
 
 class Method(Protocol):
-    """Anything that navigates through an outage."""
+    """Anything that navigates through an outage.
+
+    A method that works in post-processing has an attribute ``sees_after``: for how many seconds
+    after the outage's end its log goes on, with fixes. Without it the log ends with the outage.
+    """
 
     def predict(self, log: DriveLog, outage: Outage) -> Solution:
         """Return the solution through an outage.
 
         Args:
             log: The drive up to the outage's end, without fixes from its start, without
-                reference.
+                reference; see :func:`navlearn.outages.known_log.known_log`.
             outage: The outage.
         """
 
@@ -122,7 +127,8 @@ def replay(
     """
     _check(log, outages, methods)
     track = track_of(log)
-    shelf = None if store is None else SolutionStore(store, log, methods, settings)
+    told = settings_with_sight(methods, settings)
+    shelf = None if store is None else SolutionStore(store, log, methods, told)
     rows: dict[tuple[str, int], dict[str, object]] = {}
     solutions: dict[tuple[str, int], Solution] = {}
     errors: dict[tuple[str, int], pd.DataFrame] = {}
@@ -190,9 +196,11 @@ def _outcomes(
 def _predict_all(
     method: Method, log: DriveLog, outages: Sequence[Outage], batched: bool
 ) -> Iterator[Solution | str]:
+    after = sees_after(method)
     if batched and outages and isinstance(method, BatchMethod):
         try:
-            made = method.predict_many([known_log(log, one) for one in outages], outages)
+            logs = [known_log(log, one, after=after) for one in outages]
+            made = method.predict_many(logs, outages)
             for solution, outage in zip(made, outages, strict=True):
                 check_solution(solution.table, outage)
         except (FilterDivergedError, FitError):
@@ -202,7 +210,7 @@ def _predict_all(
             return
     for outage in outages:
         try:
-            solution = method.predict(known_log(log, outage), outage)
+            solution = method.predict(known_log(log, outage, after=after), outage)
             check_solution(solution.table, outage)
         except (FilterDivergedError, FitError) as error:
             yield str(error)
