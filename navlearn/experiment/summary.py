@@ -113,4 +113,5 @@ def _learned_summary(spec: SpecBase, found: Replay) -> MethodSummary:
         description=spec.describe(),
         regime=spec.regime,
         notes=tuple(notes),
+        guarded=spec.safeguard.gate,
     )

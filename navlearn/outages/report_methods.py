@@ -21,6 +21,7 @@ REGIMES = {
         "nothing is learned, but the fixes after each outage are seen, none inside it: for work "
         "on recorded drives, not a real-time method"
     ),
+    "oracle": "nothing is learned, but what no car can know is seen: a bound, not a competitor",
 }
 """Training regimes in words."""
 

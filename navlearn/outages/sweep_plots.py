@@ -8,14 +8,21 @@ import numpy as np
 import pandas as pd
 
 from navlearn.outages.canvas import INK, Dash, new_figure, save, styles, tidy
-from navlearn.outages.roles import oracles_last
+from navlearn.outages.roles import Role, oracles_last
 from navlearn.outages.statistics import MARGIN_PERCENT
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-FARTHEST = -100.0
-"""A method that makes the error more than twice as large leaves its panel; its figure is told."""
+FARTHEST = -60.0
+"""A method that makes the error so much larger (%) leaves its panel; its figure is told."""
+
+MARKERS: dict[Role, str] = {
+    "baseline": "s",
+    "learned": "o",
+    "post-processing": "D",
+    "oracle": "|",
+}
 
 SHADE = "#F3D9C9"
 
@@ -68,7 +75,11 @@ def _gain(axes: "Axes", place: int, line: "pd.Series", look: tuple[str, Dash], l
         ends = [max(low, left), max(high, left)]
         axes.plot(ends, [place, place], color=color, linestyle=dash, linewidth=2.0)
     if gain >= left:
-        axes.plot(gain, place, "o", color=color, markersize=5.0)
+        marker = MARKERS[line["role"]]
+        axes.plot(
+            gain, place, marker, color=color, markersize=9.0 if marker == "|" else 5.0,
+            markeredgewidth=2.0 if marker == "|" else 0.5,
+        )  # fmt: skip
         return
     axes.plot(left, place, "<", color=color, markersize=6.0, clip_on=False)
     said = f"{gain:.0f} %".replace("-", "−")

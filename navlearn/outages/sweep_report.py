@@ -45,9 +45,10 @@ def write_sweep_report(output: OutputFolder, summary: SweepSummary) -> SweepSumm
             summary,
             figures={
                 PICTURE: "Improvement of the mean error over "
-                f"`{summary.baseline}` with its 95 % interval, by class and duration. Grey and "
-                "dashed: oracles, which no car can be. The shaded strip is the margin within "
-                "which a method counts as harmless; arrows tell figures farther to the left."
+                f"`{summary.baseline}` with its 95 % interval, by class and duration. Dots: "
+                "learned; squares: baselines; diamonds: post-processing; grey bars: oracles, which "
+                "no car can be. The shaded strip is the margin within which a method counts as "
+                "harmless; arrows tell figures farther to the left."
             },
         )
     else:

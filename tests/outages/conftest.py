@@ -1,10 +1,12 @@
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from navlearn.logs.drive_log import DriveLog, LogMetadata
+from navlearn.outages.acting import verdict_columns
+from navlearn.outages.metrics import FIGURES
 
 RADIUS = 6_371_000.0
 LAT_0, LON_0 = 0.7, -1.3
@@ -58,3 +60,42 @@ def make_log() -> Callable[..., DriveLog]:
 @pytest.fixture(scope="session")
 def straight_log(make_log: Callable[..., DriveLog]) -> DriveLog:
     return make_log()
+
+
+@pytest.fixture(scope="session")
+def make_rows() -> Callable[..., pd.DataFrame]:
+    """Rows of outages: each method's error is nearly its factor times that of the first.
+
+    A method of factor 1 has exactly its error; ``used`` tells who learns, and whether it acts.
+    """
+
+    def make(
+        factors: Mapping[str, float],
+        used: Mapping[str, bool],
+        drives: tuple[str, ...] = ("made",),
+        outages: int = 6,
+        duration: float = 60.0,
+        seed: int = 0,
+    ) -> pd.DataFrame:
+        rng = np.random.default_rng(seed)
+        rows = []
+        for drive in drives:
+            for outage in range(1, outages + 1):
+                base = float(rng.gamma(6.0) * duration / 60.0)
+                for method, factor in factors.items():
+                    spread = float(rng.uniform(0.9, 1.1)) if factor != 1.0 else 1.0
+                    notes: dict[str, object] = {}
+                    if method in used:
+                        notes = {"used": used[method], "reason": f"gate: {outage:+d} %"}
+                    rows.append(
+                        {
+                            **dict.fromkeys(FIGURES, 1.0),
+                            "drive": drive, "method": method, "outage": outage,
+                            "start_s": 100.0 * outage, "duration_s": duration,
+                            "dynamics": "turn", "failure": "", **verdict_columns(notes),
+                            "max_horizontal_error_m": base * factor * spread,
+                        }
+                    )  # fmt: skip
+        return pd.DataFrame(rows)
+
+    return make
