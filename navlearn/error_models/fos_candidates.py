@@ -44,7 +44,7 @@ def read_terms(nested: Sequence[Any], inputs: int, options: FosOptions) -> tuple
 
 
 def lagged_columns(u: Tensor, y: Tensor, options: FosOptions) -> Tensor:
-    """Return X transposed, for the rows that have a whole past.
+    """Return X transposed, window by window, for the rows that have a whole past.
 
     Args:
         u: Inputs, shape (..., T, m).
@@ -52,7 +52,7 @@ def lagged_columns(u: Tensor, y: Tensor, options: FosOptions) -> Tensor:
         options: Lags.
 
     Returns:
-        Shape (c, rows), rows of all windows after one another, T − memory of each.
+        Shape (..., c, T − memory).
 
     Raises:
         ShapeError: The shapes do not belong together, or the windows are no longer than the lags.
@@ -66,75 +66,84 @@ def lagged_columns(u: Tensor, y: Tensor, options: FosOptions) -> Tensor:
     steps = u.shape[-2]
     if steps <= memory:
         raise ShapeError(f"fos: {steps} rows are too few for {memory} lags; give longer windows")
-    channels = [*u.double().unbind(-1), y.double()]
-    rows = y[..., memory:].numel()
-    columns = factor_list(u.shape[-1], options)
-    x = torch.ones(len(columns), rows, dtype=torch.float64)
-    for row, column in zip(x[1:], columns[1:], strict=True):
-        (channel, lag) = column[0]
-        row.copy_(channels[channel][..., memory - lag : steps - lag].reshape(-1))
+    columns, inputs = len(factor_list(u.shape[-1], options)), u.shape[-1]
+    x = torch.ones(*y.shape[:-1], columns, steps - memory, dtype=torch.float64)
+    for lag in range(options.lags + 1):
+        block = slice(1 + lag * inputs, 1 + (lag + 1) * inputs)
+        x[..., block, :] = u[..., memory - lag : steps - lag, :].mT
+    for lag in range(1, options.output_lags + 1):
+        x[..., columns - 1 - options.output_lags + lag, :] = y[..., memory - lag : steps - lag]
     return x
 
 
 @dataclass(frozen=True)
 class Candidates:
-    """Products of two columns, weighted; element (i, j), i ≤ j, of a table is one candidate.
+    """Products of two columns, weighted, in each of B windows.
+
+    A table holds one number per candidate, element (i, j) with i ≤ j for the product of columns i
+    and j, and zeros below; it is handed on flat.
 
     Attributes:
-        x: Columns over their scale, transposed, shape (c, N).
-        scale: Root mean square of each column, shape (c,).
-        root_weight: Square root of the weight of each row, shape (N,).
+        x: Columns, transposed, constant first, shape (B, c, N); rows of weight zero are zero.
+        weight: Weight of each row, shape (B, N).
         degree: 1 keeps the products with the constant only.
     """
 
     x: Tensor
-    scale: Tensor
-    root_weight: Tensor
+    weight: Tensor
     degree: int
 
-    @property
-    def rows(self) -> int:
-        """Rows of a table: c, or 1 for degree one."""
-        return self.x.shape[0] if self.degree == 2 else 1
-
     def correlations(self, v: Tensor) -> Tensor:
-        """Return the product of every weighted candidate with a vector, shape (rows, c).
+        """Return the weighted product of every candidate with a vector, shape (B, M).
 
         Args:
-            v: Shape (N,).
+            v: Shape (B, N).
         """
-        return _blockwise(self.x, self.root_weight * v, self.rows)
+        return sum_products(self.x, self.weight * v, self.degree)
 
     def energies(self) -> Tensor:
-        """Return the squared norm of every weighted candidate, shape (rows, c)."""
-        return _blockwise(self.x.square(), self.root_weight.square(), self.rows)
+        """Return the weighted square of every candidate, shape (B, M)."""
+        return sum_products(self.x.square(), self.weight, self.degree)
 
-    def column(self, index: tuple[int, int]) -> Tensor:
-        """Return one weighted candidate, shape (N,)."""
-        return self.root_weight * self.x[index[0]] * self.x[index[1]]
+    def columns(self, index: Tensor) -> Tensor:
+        """Return candidates, not weighted, shape (B, k, N).
 
-    def unit(self, index: tuple[int, int]) -> float:
-        """Return what a candidate was divided by."""
-        return float(self.scale[index[0]] * self.scale[index[1]])
+        Args:
+            index: Places in a table, shape (B, k).
+        """
+        left, right = index // self.x.shape[-2], index % self.x.shape[-2]
+        return _pick(self.x, left) * _pick(self.x, right)
+
+    def gram_rows(self, index: Tensor) -> Tensor:
+        """Return the product of one candidate of each window with all others, shape (B, M).
+
+        Args:
+            index: Places in a table, shape (B,).
+        """
+        return self.correlations(self.columns(index.unsqueeze(-1)).squeeze(-2))
 
 
-def build_candidates(x: Tensor, weight: Tensor, degree: int) -> Candidates:
-    """Return the candidates over scaled columns; ``x`` is scaled in place.
+def sum_products(x: Tensor, v: Tensor, degree: int) -> Tensor:
+    """Return the sum of v times every product of two columns, upper triangle, flat.
 
     Args:
-        x: Columns, transposed, constant first, shape (c, N).
-        weight: Weight of each row, shape (N,).
-        degree: Largest degree, 1 or 2.
+        x: Columns, transposed, shape (c, N) or (..., c, N).
+        v: Shape (..., N).
+        degree: 1 for the products with the first column only.
+
+    Returns:
+        Shape (..., M), M = c², or c for degree one.
     """
-    scale = torch.stack([row.square().mean().sqrt() for row in x])
-    scale = torch.where(scale > 0, scale, 1.0)
-    return Candidates(x.div_(scale.unsqueeze(1)), scale, weight.sqrt(), degree)
-
-
-def _blockwise(x: Tensor, v: Tensor, rows: int) -> Tensor:
-    """Return the upper triangle of x diag(v) xᵀ, zero below, by blocks of its rows."""
-    out = x.new_zeros(rows, x.shape[0])
+    columns = x.shape[-2]
+    rows = columns if degree == 2 else 1
+    out = x.new_zeros(*v.shape[:-1], rows, columns)
     for a in range(0, rows, BLOCK):
         b = min(a + BLOCK, rows)
-        torch.matmul(x[a:b] * v, x[a:].T, out=out[a:b, a:])
-    return out.triu_()
+        block = x[..., a:b, :] * v.unsqueeze(-2)
+        out[..., a:b, a:] = torch.matmul(block, x[..., a:, :].mT)
+    return out.triu_().flatten(-2)
+
+
+def _pick(x: Tensor, index: Tensor) -> Tensor:
+    """Return columns by their place in each window, shape (B, k, N)."""
+    return x.gather(-2, index.unsqueeze(-1).expand(*index.shape, x.shape[-1]))

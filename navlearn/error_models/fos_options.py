@@ -14,12 +14,15 @@ class FosOptions:
         output_lags: Outputs enter with lags 1 to this; 0 for none.
         degree: Largest degree of a candidate, 1 or 2.
         max_terms: Most terms of a model.
-        false_alarm: Chance that white noise alone has a term accepted; 1 switches the rule off.
+        acceptance: What a term must take of the residual: ``default`` (more than the best of all
+            candidates takes of white noise) or ``paper`` (4 over the number of rows).
+        false_alarm: For ``default``, the chance that white noise alone has a term accepted; 1
+            switches the rule off.
         target_error: Weighted RMS residual that is good enough, unit of the target.
         ridge: Penalty on each coefficient, as a share of its candidate's own energy; the
             constant goes free.
         exchange_sweeps: Most sweeps that try to swap every term for a better candidate.
-        backward: After the search, drops terms that the white-noise rule would not accept.
+        backward: After the search, drops terms that the rule would not accept.
         collinearity: A candidate whose share of energy left outside the chosen terms is below
             this is not considered.
         safeguard: Clamps inputs to their training range and limits outputs.
@@ -30,6 +33,7 @@ class FosOptions:
     output_lags: int = 0
     degree: int = 2
     max_terms: int = 8
+    acceptance: str = "default"
     false_alarm: float = 0.05
     target_error: float = 0.0
     ridge: float = 0.0
@@ -47,6 +51,10 @@ class FosOptions:
             raise ConfigError(f"fos: degree is {self.degree}; choose 1 or 2")
         if self.max_terms < 1:
             raise ConfigError(f"fos: max_terms is {self.max_terms}; it must be at least 1")
+        if self.acceptance not in ("default", "paper"):
+            raise ConfigError(
+                f"fos: acceptance is {self.acceptance!r}; choose 'default' or 'paper'"
+            )
         if not 0.0 < self.false_alarm <= 1.0:
             raise ConfigError(f"fos: false_alarm is {self.false_alarm}; it must lie in (0, 1]")
         if not 0.0 < self.collinearity < 1.0:

@@ -1,228 +1,210 @@
 """Search of FOS: at each step the candidate that takes most of the residual.
 
-Source: [Korenberg1989] and [Shen2010] §3. Only the chosen terms are made orthogonal explicitly.
-Every other candidate is known by two numbers, its energy outside the chosen terms and its
-correlation with the residual, that one table of correlations with the newest direction updates.
-A ridge gives each candidate a row of its own below the data, in which no other candidate
-stands: it adds to the energies before the search and changes nothing else.
+Source: [Korenberg1989] and [Shen2010] §3. The orthogonal functions are never formed: a candidate
+is known by its energy outside the chosen terms and its correlation with the residual, and both
+follow from the rows of the Gram matrix that belong to chosen terms. So what is searched, one
+window, many, or sums that slide, only has to give such rows. A ridge gives each candidate a row
+of its own below the data, in which no other candidate stands: it adds to the energies before the
+search and changes nothing else. All tensors have the windows first: one search for each of B
+windows, side by side.
 """
 
-import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
-from navlearn.error_models.fos_candidates import Candidates
+from navlearn.error_models.fos_level import accepted_share
 from navlearn.error_models.fos_options import FosOptions
 
-Index = tuple[int, int]
-
-
-def noise_level(rows: float, terms: int, candidates: int, false_alarm: float) -> float:
-    """Return the share of white noise that the best of many candidates takes by chance.
-
-    A share ρ² that one candidate takes of ν + 1 degrees of freedom is t²/(ν + t²) with Student's
-    t; its quantile is from the normal one by [Wallace1959], the many by Šidák's bound.
-
-    Args:
-        rows: Rows that count; with weights, their effective number.
-        terms: Terms chosen already.
-        candidates: Candidates left.
-        false_alarm: Chance that the best exceeds the level.
-
-    Returns:
-        A share of the residual's energy, in 0 to 1.
-    """
-    freedom = rows - terms - 1.0
-    if false_alarm >= 1.0:
-        return 0.0
-    if freedom <= 1.0 or candidates < 1:
-        return 1.0
-    single = -math.expm1(math.log1p(-false_alarm) / candidates)
-    z = -float(torch.special.ndtri(torch.tensor(0.5 * single, dtype=torch.float64)))
-    z *= (8.0 * freedom + 3.0) / (8.0 * freedom + 1.0)
-    return -math.expm1(-z * z / freedom)
+ENOUGH = "target error reached"
+FULL = "largest number of terms"
+NOISE = "no candidate above the level of white noise"
 
 
 @dataclass
 class Search:
-    """A search under way.
+    """A search under way in each of B windows, over M candidates, with K places for terms.
 
     Attributes:
-        candidates: What is searched.
-        target: Weighted target above zeros for the ridge, shape (N + K,).
         options: Rules.
-        effective: Rows that count.
-        total: Energy of every candidate with its ridge, shape (rows, c).
-        energy: Energy outside the chosen terms, shape (rows, c).
-        corr: Correlation with the residual, shape (rows, c).
-        chosen: Terms, in order.
-        basis: Orthonormal directions of the chosen terms, shape (k, N + K).
-        upper: Chosen terms in those directions, shape (k, k), upper triangular.
-        residual: Shape (N + K,).
-        errors: Energy of the residual with the ridge's after each step, the target's first.
-        stopped: Why the search ended.
+        gram_rows: Gives the Gram matrix's row of one candidate of each window, shape (B, M).
+        total: Energy of every candidate with its ridge, shape (B, M).
+        cross: Correlation of every candidate with the target, shape (B, M).
+        weight: Sum of the weights, shape (B,).
+        effective: Rows that count, per window.
+        sizes: Candidates that are not zero throughout, per window.
+        energy: Energy outside the chosen terms, shape (B, M).
+        corr: Correlation with the residual, shape (B, M).
+        error: Energy of the residual with the ridge's, shape (B,).
+        chosen: Terms, shape (B, K).
+        used: Which places hold a term, shape (B, K).
+        gram: Rows of the Gram matrix of the chosen terms, shape (B, K, M).
+        errors: Residual's energy after each step, the target's first, per window.
+        stopped: Why each search ended.
     """
 
-    candidates: Candidates
-    target: Tensor
     options: FosOptions
-    effective: float
+    gram_rows: Callable[[Tensor], Tensor]
     total: Tensor
+    cross: Tensor
+    weight: Tensor
+    effective: list[float]
+    sizes: list[int]
     energy: Tensor
     corr: Tensor
-    chosen: list[Index]
-    basis: Tensor
-    upper: Tensor
-    residual: Tensor
-    errors: list[float]
-    stopped: str = ""
+    error: Tensor
+    chosen: Tensor
+    used: Tensor
+    gram: Tensor
+    errors: list[list[float]]
+    stopped: list[str]
 
-    def best(self) -> tuple[Index, float]:
-        """Return the candidate of largest reduction, and that reduction."""
+    def best(self) -> tuple[Tensor, Tensor]:
+        """Return the candidate of largest reduction and that reduction, shape (B,) each."""
         open_to = self.energy > self.options.collinearity * self.total
         gain = torch.where(open_to, self.corr.square() / self.energy, 0.0)
-        for index in self.chosen:
-            gain[index] = 0.0
-        flat, columns = int(gain.argmax()), gain.shape[1]
-        return (flat // columns, flat % columns), float(gain.flatten()[flat])
+        window, place = torch.nonzero(self.used, as_tuple=True)
+        gain[window, self.chosen[window, place]] = 0.0
+        index = gain.argmax(1)
+        return index, gain.gather(1, index.unsqueeze(1)).squeeze(1)
 
-    def level(self, terms: int) -> float:
-        """Return the share that white noise reaches beside so many terms."""
-        count = int((self.total > 0).sum()) - terms
-        return noise_level(self.effective, terms, count, self.options.false_alarm)
+    def levels(self, terms: Tensor) -> Tensor:
+        """Return the share that a candidate must take beside so many terms, shape (B,)."""
+        shares = [
+            accepted_share(rows, used, size - used, self.options)
+            for rows, used, size in zip(self.effective, terms.tolist(), self.sizes, strict=True)
+        ]
+        return torch.tensor(shares, dtype=torch.float64)
 
-    def coefficients(self) -> Tensor:
-        """Return the coefficients of the chosen terms in original units, shape (k,)."""
-        g = (self.basis @ self.target).unsqueeze(1)
-        scaled = torch.linalg.solve_triangular(self.upper, g, upper=True).squeeze(1)
-        units = [self.candidates.unit(index) for index in self.chosen]
-        return torch.div(scaled, torch.tensor(units, dtype=torch.float64))
+    def add(self, place: int, index: Tensor, row: Tensor, windows: Tensor) -> None:
+        """Choose a candidate of each window of a mask, to stand at an empty place.
+
+        Args:
+            place: Where.
+            index: Candidates, shape (B,).
+            row: Their rows of the Gram matrix, shape (B, M).
+            windows: Mask, shape (B,).
+        """
+        at = index.unsqueeze(1)
+        beside = torch.where(self.used, row.gather(1, self.chosen), 0.0).unsqueeze(2)
+        within = torch.cholesky_solve(beside, self.factor()).squeeze(2)
+        norm = torch.where(windows.unsqueeze(1), self.energy.gather(1, at), torch.inf).sqrt()
+        self._move((row - self._mix(within)) / norm, self.corr.gather(1, at) / norm, -1.0)
+        hit = torch.nonzero(windows).squeeze(1)
+        self.gram[hit, place], self.chosen[hit, place] = row[hit], index[hit]
+        self.used[hit, place] = True
+
+    def drop(self, place: Tensor, windows: Tensor) -> None:
+        """Give up the term at a place of each window of a mask.
+
+        Args:
+            place: Where, shape (B,).
+            windows: Mask, shape (B,).
+        """
+        at = place.reshape(-1, 1, 1).expand(-1, self.used.shape[1], 1)
+        dual = torch.cholesky_inverse(self.factor()).gather(2, at).squeeze(2)
+        own = dual.gather(1, place.unsqueeze(1))
+        dual = torch.where(windows.unsqueeze(1), dual / own.sqrt(), 0.0)
+        self._move(self._mix(dual), (dual * self.own_cross()).sum(1, keepdim=True), 1.0)
+        hit = torch.nonzero(windows).squeeze(1)
+        self.used[hit, place[hit]] = False
+
+    def factor(self) -> Tensor:
+        """Return the Cholesky factor of the terms' Gram matrix, ones elsewhere, (B, K, K)."""
+        columns = self.chosen.unsqueeze(1).expand(-1, self.chosen.shape[1], -1)
+        both = self.used.unsqueeze(1) & self.used.unsqueeze(2)
+        small = torch.where(both, self.gram.gather(2, columns), 0.0)
+        ridge = self.options.ridge * (self.chosen != 0).double()
+        own = torch.where(self.used, small.diagonal(dim1=1, dim2=2) * ridge, 1.0)
+        lower: Tensor = torch.linalg.cholesky(small + torch.diag_embed(own))
+        return lower
+
+    def own_cross(self) -> Tensor:
+        """Return the correlation of the terms with the target, zero where none is, (B, K)."""
+        return torch.where(self.used, self.cross.gather(1, self.chosen), 0.0)
+
+    def note_errors(self, windows: Tensor) -> None:
+        """Note the residual's energy of the windows of a mask, shape (B,)."""
+        noted = zip(self.errors, windows.tolist(), self.error.tolist(), strict=True)
+        for errors, moved, error in noted:
+            if moved:
+                errors.append(error)
+
+    def _mix(self, share: Tensor) -> Tensor:
+        """Return the sum over terms of a number (B, K) times the Gram matrix's row, (B, M)."""
+        return torch.matmul(share.unsqueeze(1), self.gram).squeeze(1)
+
+    def _move(self, part: Tensor, share: Tensor, sign: float) -> None:
+        """Take a direction out of every candidate (−1) or give it back (+1).
+
+        Args:
+            part: Every candidate's part along it, shape (B, M).
+            share: The target's, shape (B, 1).
+            sign: Which.
+        """
+        self.energy.addcmul_(part, part, value=sign)
+        self.corr.addcmul_(share, part, value=sign)
+        self.error = self.error + sign * share.squeeze(1).square()
 
 
-def start_search(candidates: Candidates, target: Tensor, options: FosOptions) -> Search:
+def start_search(
+    gram_rows: Callable[[Tensor], Tensor],
+    energies: Tensor,
+    cross: Tensor,
+    square: Tensor,
+    weight: Tensor,
+    options: FosOptions,
+) -> Search:
     """Return the search before its first term.
 
     Args:
-        candidates: What is searched.
-        target: Shape (N,), not yet weighted.
+        gram_rows: Gives the Gram matrix's row of one candidate of each window, shape (B, M).
+        energies: Energy of every candidate on the data, shape (B, M).
+        cross: Correlation of every candidate with the target, shape (B, M).
+        square: Energy of the target, shape (B,).
+        weight: Weight of each row, shape (B, N).
         options: Rules.
     """
-    weighted = candidates.root_weight * target
-    padded = torch.nn.functional.pad(weighted, [0, options.max_terms])
-    total = candidates.energies() * (1.0 + options.ridge)
-    total[0, 0] /= 1.0 + options.ridge
-    weight = candidates.root_weight.square()
+    windows, candidates = energies.shape
+    total = energies * (1.0 + options.ridge)
+    total[:, 0] = energies[:, 0]
+    chosen = torch.zeros(windows, options.max_terms, dtype=torch.long)
     return Search(
-        candidates=candidates,
-        target=padded,
         options=options,
-        effective=float(weight.sum() ** 2 / weight.square().sum()),
+        gram_rows=gram_rows,
         total=total,
+        cross=cross,
+        weight=weight.sum(1),
+        effective=(weight.sum(1).square() / weight.square().sum(1)).tolist(),
+        sizes=(total > 0).sum(1).tolist(),
         energy=total.clone(),
-        corr=candidates.correlations(weighted),
-        chosen=[],
-        basis=padded.new_zeros(0, padded.shape[0]),
-        upper=padded.new_zeros(0, 0),
-        residual=padded.clone(),
-        errors=[float(padded @ padded)],
+        corr=cross.clone(),
+        error=square.clone(),
+        chosen=chosen,
+        used=torch.zeros_like(chosen, dtype=torch.bool),
+        gram=energies.new_zeros(windows, options.max_terms, candidates),
+        errors=[[value] for value in square.tolist()],
+        stopped=[""] * windows,
     )
 
 
 def search_forward(search: Search) -> None:
     """Add terms until a rule says stop; ``search.stopped`` tells which."""
     options = search.options
-    weight = float(search.candidates.root_weight.square().sum())
-    while True:
-        error = float(search.residual @ search.residual)
-        if math.sqrt(error / weight) <= options.target_error:
-            search.stopped = "target error reached"
-        elif len(search.chosen) == options.max_terms:
-            search.stopped = "largest number of terms"
-        else:
-            index, reduction = search.best()
-            if reduction <= search.level(len(search.chosen)) * error:
-                search.stopped = "no candidate above the level of white noise"
-            else:
-                _choose(search, [*search.chosen, index])
-                _move(search, search.basis[-1], -1.0)
-                search.errors.append(float(search.residual @ search.residual))
-                continue
-        return
-
-
-def exchange_terms(search: Search) -> int:
-    """Swap terms for better candidates until none gains; return the number of swaps.
-
-    Without one term, the span lacks one direction: a table of correlations with that direction
-    gives the energies and correlations of every candidate beside the other terms.
-    """
-    swaps = 0
-    for _ in range(search.options.exchange_sweeps):
-        before = swaps
-        for term in tuple(search.chosen):
-            place = search.chosen.index(term)
-            _move(search, _own_direction(search, place), 1.0)
-            old = float(search.corr[term] ** 2 / search.energy[term])
-            rest = [other for other in search.chosen if other != term]
-            search.chosen = rest
-            index, reduction = search.best()
-            better = reduction > old * (1.0 + 1e-9)
-            _choose(search, [*rest, index if better else term])
-            _move(search, search.basis[-1], -1.0)
-            swaps += int(better)
-        if swaps == before:
-            break
-    if swaps:
-        search.errors.append(float(search.residual @ search.residual))
-    return swaps
-
-
-def search_backward(search: Search) -> int:
-    """Drop terms that white noise could stand for, the weakest first; return their number."""
-    dropped = 0
-    while search.chosen:
-        own = [_own_direction(search, k) @ search.target for k in range(len(search.chosen))]
-        gains = torch.stack(own).square()
-        place = int(gains.argmin())
-        error = float(search.residual @ search.residual + gains[place])
-        if float(gains[place]) > search.level(len(search.chosen) - 1) * error:
-            break
-        _move(search, _own_direction(search, place), 1.0)
-        _choose(search, [term for k, term in enumerate(search.chosen) if k != place])
-        search.errors.append(float(search.residual @ search.residual))
-        dropped += 1
-    return dropped
-
-
-def _move(search: Search, direction: Tensor, sign: float) -> None:
-    """Take a direction out of every candidate (−1) or give it back (+1)."""
-    rows = search.candidates.root_weight.shape[0]
-    table = search.candidates.correlations(direction[:rows])
-    search.corr.add_(table, alpha=sign * float(direction @ search.target))
-    search.energy.addcmul_(table, table, value=sign)
-
-
-def _choose(search: Search, chosen: list[Index]) -> None:
-    """Make the chosen terms orthogonal, in order, and take them out of the target."""
-    rows = search.candidates.root_weight.shape[0]
-    terms = search.target.new_zeros(search.target.shape[0], len(chosen))
-    for k, index in enumerate(chosen):
-        terms[:rows, k] = search.candidates.column(index)
-        ridge = 0.0 if index == (0, 0) else search.options.ridge
-        terms[rows + k, k] = terms[:rows, k].norm() * math.sqrt(ridge)
-    basis, search.upper = torch.linalg.qr(terms)
-    search.basis = basis.T.contiguous()
-    search.residual = search.target - basis @ (search.basis @ search.target)
-    search.residual -= basis @ (search.basis @ search.residual)
-    search.chosen = chosen
-
-
-def _own_direction(search: Search, place: int) -> Tensor:
-    """Return the unit direction of the span that only one chosen term fills, shape (N + K,)."""
-    unit = torch.zeros(len(search.chosen), 1, dtype=torch.float64)
-    unit[place] = 1.0
-    dual = torch.linalg.solve_triangular(search.upper.T, unit, upper=False).squeeze(1)
-    direction = dual @ search.basis
-    return torch.div(direction, direction.norm())
+    going = torch.ones_like(search.error, dtype=torch.bool)
+    for place in range(options.max_terms + 1):
+        index, reduction = search.best()
+        count = search.used.sum(1)
+        enough = (search.error.clamp(min=0.0) / search.weight).sqrt() <= options.target_error
+        full = count == options.max_terms
+        noise = reduction <= search.levels(count) * search.error
+        for reason, holds in ((NOISE, noise), (FULL, full), (ENOUGH, enough)):
+            for window in torch.nonzero(going & holds).flatten().tolist():
+                search.stopped[window] = reason
+        going = going & ~(enough | full | noise)
+        if not bool(going.any()):
+            return
+        search.add(place, index, search.gram_rows(index), going)
+        search.note_errors(going)

@@ -3,16 +3,13 @@ import pytest
 import torch
 from scipy.stats import beta
 
-from navlearn.error_models.fos_candidates import build_candidates, factor_list, lagged_columns
+from navlearn.error_models.fos_candidates import Candidates, factor_list, lagged_columns
 from navlearn.error_models.fos_fit import fit_fos
+from navlearn.error_models.fos_level import noise_level
 from navlearn.error_models.fos_options import FosOptions
-from navlearn.error_models.fos_search import (
-    exchange_terms,
-    noise_level,
-    search_backward,
-    search_forward,
-    start_search,
-)
+from navlearn.error_models.fos_outcome import read_outcomes
+from navlearn.error_models.fos_refine import exchange_terms, search_backward
+from navlearn.error_models.fos_search import search_forward, start_search
 from navlearn.errors import ConfigError, ShapeError
 
 
@@ -65,13 +62,39 @@ def explicit_search(p, pairs, y, weight, terms, ridge=0.0):
     return [pairs[k] for k in chosen], errors, theta
 
 
-def search_of(u, y, options, weight=None):
-    x = lagged_columns(u, y, options)
-    target = y[max(options.lags, options.output_lags) :]
-    weight = torch.ones_like(target) if weight is None else weight
-    search = start_search(build_candidates(x, weight, options.degree), target, options)
-    search_forward(search)
-    return search
+class Found:
+    """A search over one window, its terms as pairs of columns."""
+
+    def __init__(self, u, y, options, weight=None):
+        x = lagged_columns(u, y, options)
+        self.target = y[max(options.lags, options.output_lags) :].unsqueeze(0)
+        weight = torch.ones_like(self.target) if weight is None else weight.unsqueeze(0)
+        self.candidates = Candidates(x.unsqueeze(0), weight, options.degree)
+        self.search = start_search(
+            self.candidates.gram_rows,
+            self.candidates.energies(),
+            self.candidates.correlations(self.target),
+            (weight * self.target**2).sum(1),
+            weight,
+            options,
+        )
+        search_forward(self.search)
+        self.columns = x.shape[0]
+
+    @property
+    def outcome(self):
+        return read_outcomes(self.search, self.candidates, self.target)[0]
+
+    @property
+    def chosen(self):
+        return [divmod(k, self.columns) for k in self.outcome.chosen]
+
+    @property
+    def errors(self):
+        return self.outcome.errors
+
+    def table(self, values):
+        return values[0].reshape(-1, self.columns)
 
 
 @pytest.mark.parametrize("degree", [1, 2])
@@ -83,28 +106,28 @@ def test_search_equals_explicit_gram_schmidt(degree, ridge, correlated):
     )
     u, y = record(correlated=correlated)
     weight = torch.rand(198, generator=torch.Generator().manual_seed(5)).double() + 0.1
-    search = search_of(u, y, options, weight)
+    search = Found(u, y, options, weight)
     p, pairs = matrix(u, y, options)
     chosen, errors, theta = explicit_search(p, pairs, y[2:].numpy(), weight.numpy(), 6, ridge)
     assert search.chosen == chosen
     np.testing.assert_allclose(search.errors, errors, rtol=1e-9)
-    np.testing.assert_allclose(search.coefficients(), theta, rtol=1e-9)
+    np.testing.assert_allclose(search.outcome.coefficients, theta, rtol=1e-9)
 
 
 def test_tables_after_the_search_equal_projection():
     options = FosOptions(lags=3, max_terms=5, false_alarm=1.0)
     u, y = record()
-    search = search_of(u, y, options)
+    search = Found(u, y, options)
     p, pairs = matrix(u, y, options)
     index = [pairs.index(pair) for pair in search.chosen]
     q = np.linalg.qr(p[:, index])[0]
     outside = p - q @ (q.T @ p)
-    unit = np.array([search.candidates.unit(pair) for pair in pairs])
-    found = [float(search.energy[pair]) for pair in pairs]
-    expected = (outside**2).sum(0) / unit**2
+    energy, corr = (search.table(t) for t in (search.search.energy, search.search.corr))
+    expected = (outside**2).sum(0)
+    found = [float(energy[pair]) for pair in pairs]
     np.testing.assert_allclose(found, expected, atol=1e-9 * expected.max())
-    corr = [float(search.corr[pair]) for pair in pairs]
-    np.testing.assert_allclose(corr, outside.T @ y[3:].numpy() / unit, atol=1e-9)
+    found = [float(corr[pair]) for pair in pairs]
+    np.testing.assert_allclose(found, outside.T @ y[3:].numpy(), atol=1e-9)
 
 
 def test_factors_name_the_columns():
@@ -155,14 +178,14 @@ def test_finds_ten_true_terms_of_6216():
     y = torch.zeros(610).double()
     y[10:] = sum(x[i] * x[j] for i, j in pairs.tolist())
     y[10:] += 0.1 * torch.randn(600, generator=generator).double()
-    search = search_of(u, y, options)
+    search = Found(u, y, options)
     assert {(i, j) for i, j in pairs.tolist()} == set(search.chosen)
-    assert search.stopped == "no candidate above the level of white noise"
+    assert search.outcome.stopped == "no candidate above the level of white noise"
     p, names = matrix(u, y, options)
     chosen, errors, theta = explicit_search(p, names, y[10:].numpy(), np.ones(600), 10)
     assert search.chosen == chosen
     np.testing.assert_allclose(search.errors, errors, rtol=1e-9)
-    np.testing.assert_allclose(search.coefficients(), theta, rtol=1e-9)
+    np.testing.assert_allclose(search.outcome.coefficients, theta, rtol=1e-9)
 
 
 @pytest.mark.parametrize("ridge", [0.0, 0.02])
@@ -171,9 +194,9 @@ def test_exchange_never_loses_and_ends_where_no_swap_helps(ridge):
     swapped = 0
     for seed in range(4):
         u, y = record(rows=60, seed=seed, correlated=0.95)
-        search = search_of(u, y, options)
+        search = Found(u, y, options)
         before = search.errors[-1]
-        swaps = exchange_terms(search)
+        swaps = int(exchange_terms(search.search))
         swapped += swaps
         p, pairs = matrix(u, y, options)
         own = np.sqrt(ridge) * np.linalg.norm(p, axis=0)
@@ -197,31 +220,31 @@ def test_exchange_never_loses_and_ends_where_no_swap_helps(ridge):
 def test_backward_drops_what_noise_could_stand_for():
     u, y = record(rows=400)
     greedy = FosOptions(lags=2, max_terms=12, false_alarm=1.0)
-    search = search_of(u, y, greedy)
-    search.options = FosOptions(lags=2, max_terms=12, backward=True)
-    assert search_backward(search) == 8
+    search = Found(u, y, greedy)
+    search.search.options = FosOptions(lags=2, max_terms=12, backward=True)
+    assert int(search_backward(search.search)) == 8
     assert set(search.chosen) == {(0, 0), (0, 1), (2, 3), (2, 8)}
     p, pairs = matrix(u, y, greedy)
     a = p[:, [pairs.index(pair) for pair in search.chosen]]
     theta = np.linalg.lstsq(a, y[2:].numpy(), rcond=None)[0]
-    np.testing.assert_allclose(search.coefficients(), theta, rtol=1e-9)
+    np.testing.assert_allclose(search.outcome.coefficients, theta, rtol=1e-9)
 
 
 def test_backward_leaves_nothing_of_white_noise():
     generator = torch.Generator().manual_seed(4)
     u = torch.randn(300, 3, generator=generator).double()
     y = torch.randn(300, generator=generator).double()
-    search = search_of(u, y, FosOptions(lags=2, max_terms=4, false_alarm=1.0))
-    search.options = FosOptions(lags=2, max_terms=4)
-    assert search_backward(search) == 4
-    assert search.coefficients().shape == (0,)
+    search = Found(u, y, FosOptions(lags=2, max_terms=4, false_alarm=1.0))
+    search.search.options = FosOptions(lags=2, max_terms=4)
+    assert int(search_backward(search.search)) == 4
+    assert search.outcome.coefficients.shape == (0,)
     assert search.errors[-1] == pytest.approx(search.errors[0])
 
 
 def test_target_error_stops():
     u, y = record()
-    search = search_of(u, y, FosOptions(lags=2, target_error=0.5))
-    assert search.stopped == "target error reached"
+    search = Found(u, y, FosOptions(lags=2, target_error=0.5))
+    assert search.outcome.stopped == "target error reached"
     rms = [(error / 198) ** 0.5 for error in search.errors]
     assert rms[-1] <= 0.5 < rms[-2]
 
