@@ -53,6 +53,8 @@ class TrainingSource:
         inputs: Names of the regressors, in order.
         outputs: Names of the outputs, in order.
         time_step: Seconds between rows.
+        input_units: Units of the regressors, in order; empty where all are channels of
+            ``regressors``, whose units are known.
     """
 
     logs: tuple[str, ...] = ()
@@ -61,6 +63,7 @@ class TrainingSource:
     inputs: tuple[str, ...] = ()
     outputs: tuple[str, ...] = ()
     time_step: float = 1.0
+    input_units: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.regime not in REGIMES:
@@ -69,6 +72,11 @@ class TrainingSource:
             raise ConfigError(f"acts_on {self.acts_on!r} is not one of {', '.join(ACTS_ON)}")
         if not self.time_step > 0.0:
             raise ConfigError(f"time_step is {self.time_step} s; it must be positive")
+        if len(self.input_units) not in (0, len(self.inputs)):
+            raise ConfigError(
+                f"{len(self.input_units)} input_units for {len(self.inputs)} inputs; give one "
+                "each, or none"
+            )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -106,24 +106,26 @@ def describe(fitted: FittedErrorModel) -> PredictorMetadata:
         fitted: The model with its training record.
 
     Raises:
-        ConfigError: The record names no inputs or outputs, or an input without a known unit.
+        ConfigError: The record names no inputs or outputs, or an input whose unit neither it nor
+            ``INPUT_UNITS`` tells.
     """
     record = fitted.record
     model: Any = fitted.model
     source = record.source
-    unknown = [name for name in source.inputs if name not in INPUT_UNITS]
+    units = source.input_units or tuple(INPUT_UNITS.get(name, "") for name in source.inputs)
+    unknown = [name for name, unit in zip(source.inputs, units, strict=True) if not unit]
     if unknown or not source.inputs or not source.outputs:
         raise ConfigError(
             f"the model's record names the inputs {list(source.inputs)} and the outputs "
-            f"{list(source.outputs)}; a predictor needs both named, inputs among "
-            f"{', '.join(INPUT_UNITS)}"
+            f"{list(source.outputs)}; a predictor needs both named, inputs with their units "
+            f"(input_units of the TrainingSource) or among {', '.join(INPUT_UNITS)}"
         )
     return PredictorMetadata(
         format=FORMAT,
         kind=fitted.kind,
         acts_on=source.acts_on,
         inputs=source.inputs,
-        input_units=tuple(INPUT_UNITS[name] for name in source.inputs),
+        input_units=units,
         outputs=source.outputs,
         output_units=(OUTPUT_UNITS[source.acts_on],) * len(source.outputs),
         time_step_s=source.time_step,

@@ -100,10 +100,14 @@ class ScannedWindow(nn.Module):
         # An experimental operator of torch: the only one by which time stays dynamic.
         from torch._higher_order_ops.scan import scan
 
+        # The scan insists on one layout of its state; models hand on views of longer windows.
+        def dense(state: Tensor) -> Tensor:
+            return state.clone(memory_format=torch.contiguous_format)
+
         def advance(state: Tensor, row: Tensor) -> tuple[Tensor, Tensor]:
             y, following = self.model.step(row, state)
-            return following, y
+            return dense(following), y
 
-        _, corrections = scan(advance, self.model.initial_state(u[:, 0]), u, dim=1)
+        _, corrections = scan(advance, dense(self.model.initial_state(u[:, 0])), u, dim=1)
         result: Tensor = corrections
         return result

@@ -3,7 +3,7 @@
 import pandas as pd
 import torch
 
-from navlearn.error_models.regressors import average_samples, build_regressors
+from navlearn.error_models.regressors import CHANNELS, average_samples, build_regressors
 from navlearn.errors import ConfigError
 from navlearn.export.reading import LoadedPredictor
 from navlearn.logs.drive_log import DriveLog
@@ -33,10 +33,17 @@ def predict_drive(
         Units as in the metadata.
 
     Raises:
-        ConfigError: The times are no interval inside the log, or shorter than one step.
+        ConfigError: The times are no interval inside the log, or shorter than one step; or an
+            input of the predictor is not made from a log alone.
         LogError: The log cannot be resampled.
     """
     about = predictor.metadata
+    foreign = [name for name in about.inputs if name not in CHANNELS]
+    if foreign:
+        raise ConfigError(
+            f"the predictor's inputs {', '.join(foreign)} are not made from a log alone; give them "
+            "to its step or forward yourself"
+        )
     block = max(1, round(FINE_RATE_HZ * about.time_step_s))
     timeline = riss_timeline(
         log, rate_hz=block / about.time_step_s, dims=3 if TILTED & set(about.inputs) else 2

@@ -1,6 +1,7 @@
-"""A fitted model that was never trained, and inputs for it: exports ask for no more."""
+"""Fitted models, the network never trained, and inputs for them: exports ask for no more."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 import torch
@@ -13,6 +14,10 @@ from navlearn.error_models.base import (
     TrainingRecord,
     TrainingSource,
 )
+from navlearn.error_models.fos_fit import fit_fos
+from navlearn.error_models.fos_options import FosOptions
+from navlearn.error_models.pci import PciOptions
+from navlearn.error_models.pci_fit import fit_pci
 from navlearn.error_models.scaling import fit_scaling
 
 SOURCE = TrainingSource(
@@ -29,7 +34,37 @@ def some_inputs(rows: int = 60, seed: int = 1) -> Tensor:
     return noise * torch.tensor([0.1, 4.0, 0.3]) + torch.tensor([0.0, 12.0, 0.5])
 
 
-def fitted_model(*, lags: int = 2, source: TrainingSource = SOURCE) -> FittedErrorModel:
+def gyro_source() -> TrainingSource:
+    return replace(SOURCE, acts_on="gyro_rate", outputs=("yaw_rate_error",))
+
+
+def fitted_fos(lags: int, source: TrainingSource, output_lags: int = 0) -> FittedErrorModel:
+    u, y = gyro_error(lags)
+    options = FosOptions(lags=lags, output_lags=output_lags, max_terms=5)
+    return fit_fos(u, y, options=options, source=source)
+
+
+def fitted_pci(lags: int, source: TrainingSource) -> FittedErrorModel:
+    u, y = gyro_error(lags)
+    return fit_pci(u, y, PciOptions(inputs=3, lags=lags, cascades=4), source=source)
+
+
+def gyro_error(lags: int) -> tuple[Tensor, Tensor]:
+    """A slightly nonlinear error of a gyro that remembers."""
+    u = some_inputs(400, seed=5)
+    rate = u[:, :1] + 0.5 * u[:, :1].roll(lags, 0)
+    noise = torch.randn(400, 1, generator=torch.Generator().manual_seed(6), dtype=torch.float64)
+    return u, 0.01 + 0.03 * rate + 0.5 * rate**2 + 1e-4 * u[:, 1:2] + 1e-3 * noise
+
+
+def fitted_model(
+    *, lags: int = 2, source: TrainingSource | None = None, kind: str = "anarx"
+) -> FittedErrorModel:
+    if kind == "pci":
+        return fitted_pci(lags, source or gyro_source())
+    if kind.startswith("fos"):
+        return fitted_fos(lags, source or gyro_source(), output_lags=int(kind == "fos fed back"))
+    source = SOURCE if source is None else source
     options = AnarxOptions(inputs=3, outputs=2, lags=lags, hidden=4)
     model = Anarx(options)
     generator = torch.Generator().manual_seed(3)

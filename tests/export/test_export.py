@@ -24,20 +24,23 @@ from navlearn.export.metadata import FORMAT, INPUT_UNITS, OUTPUT_UNITS
 Fitted = Callable[..., FittedErrorModel]
 Inputs = Callable[..., Tensor]
 
+FAMILIES = ["anarx", "fos", "fos fed back", "pci"]
 NAMED = TrainingSource(inputs=("yaw_rate", "speed", "delay"), outputs=("along", "cross"))
 
 
 @pytest.mark.parametrize("lags", [1, 3])
+@pytest.mark.parametrize("kind", FAMILIES)
 def test_torchscript_equals_eager_in_stream_and_window(
-    tmp_path: Path, lags: int, make_fitted: Fitted, make_inputs: Inputs
+    tmp_path: Path, lags: int, kind: str, make_fitted: Fitted, make_inputs: Inputs
 ) -> None:
-    fitted = make_fitted(lags=lags)
+    fitted = make_fitted(lags=lags, kind=kind)
+    outputs = len(fitted.record.source.outputs)
     report = export_predictor(fitted, tmp_path / "p.pt", check_inputs=make_inputs())
     assert max(report.differences.values()) <= 1e-12
     assert set(report.differences) >= {"forward", "step", "step against forward"}
     module = load_predictor(report.path).module
     u = make_inputs(33, seed=7)
-    y_start = torch.tensor([2.0, -1.0], dtype=torch.float64)
+    y_start = torch.tensor([0.02, -0.01], dtype=torch.float64)[:outputs]
     state = module.initial_state(u[0], y_start)
     streamed = []
     for row in u:
@@ -51,10 +54,11 @@ def test_torchscript_equals_eager_in_stream_and_window(
         assert torch.equal(module.prediction_variance(steps), expected)
 
 
+@pytest.mark.parametrize("kind", ["anarx", "fos", "pci"])
 def test_reload_in_a_fresh_process_without_navlearn(
-    tmp_path: Path, make_fitted: Fitted, make_inputs: Inputs
+    tmp_path: Path, kind: str, make_fitted: Fitted, make_inputs: Inputs
 ) -> None:
-    fitted = make_fitted()
+    fitted = make_fitted(kind=kind)
     export_predictor(fitted, tmp_path / "p.pt", check_inputs=make_inputs())
     u = make_inputs(12, seed=5)
     torch.save(u, tmp_path / "u.pt")
@@ -70,13 +74,15 @@ def test_reload_in_a_fresh_process_without_navlearn(
     )
     found = torch.load(tmp_path / "y.pt", weights_only=True)
     torch.testing.assert_close(found, fitted.model(u), rtol=0.0, atol=1e-12)
-    assert json.loads(done.stdout)["inputs"] == ["yaw_rate", "speed", "delay"]
+    about = json.loads(done.stdout)
+    assert (about["kind"], about["inputs"]) == (kind, ["yaw_rate", "speed", "delay"])
 
 
+@pytest.mark.parametrize("kind", ["anarx", "fos fed back", "pci"])
 def test_torch_export_takes_any_batch_and_length(
-    tmp_path: Path, make_fitted: Fitted, make_inputs: Inputs
+    tmp_path: Path, kind: str, make_fitted: Fitted, make_inputs: Inputs
 ) -> None:
-    fitted = make_fitted()
+    fitted = make_fitted(kind=kind)
     report = export_predictor(
         fitted, tmp_path / "p.pt2", check_inputs=make_inputs(), kind="torch_export"
     )
@@ -120,6 +126,31 @@ def test_metadata_survive_and_tell_units(
     assert found.trained_on["time_span_s"] == [600.0, 1200.0]
     assert found.trained_on["valid_loss"] is None
     assert found.versions["torch"] == "2.6"
+
+
+@pytest.mark.parametrize("kind", ["fos", "pci"])
+def test_fitters_tell_what_they_were_fitted_to(kind: str, make_fitted: Fitted) -> None:
+    found = describe(make_fitted(kind=kind))
+    assert (found.kind, found.acts_on, found.memory) == (kind, "gyro_rate", 2 + (kind == "pci"))
+    assert found.output_units == ("rad/s",)
+    assert found.trained_on["samples"] == 398
+    assert found.trained_on["trainer"] == kind
+
+
+def test_inputs_may_bring_their_units(
+    tmp_path: Path, make_fitted: Fitted, make_inputs: Inputs
+) -> None:
+    source = TrainingSource(
+        inputs=("azimuth_estimate", "speed", "height"),
+        outputs=("azimuth",),
+        acts_on="azimuth",
+        input_units=("rad", "m/s", "m"),
+    )
+    path = tmp_path / "p.pt"
+    export_predictor(make_fitted(kind="pci", source=source), path, check_inputs=make_inputs())
+    assert load_predictor(path).metadata.input_units == ("rad", "m/s", "m")
+    with pytest.raises(ConfigError, match="2 input_units for 3 inputs"):
+        replace(source, input_units=("rad", "m/s"))
 
 
 def test_every_channel_and_target_has_a_unit() -> None:

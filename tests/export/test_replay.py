@@ -11,9 +11,11 @@ from torch import Tensor
 from typer.testing import CliRunner
 
 from navlearn.cli import app
-from navlearn.error_models.base import FittedErrorModel
+from navlearn.error_models.base import FittedErrorModel, TrainingSource
+from navlearn.error_models.storage import save_error_model
 from navlearn.errors import ConfigError
 from navlearn.export import export_predictor, load_predictor, predict_drive
+from navlearn.export.example import save_example
 from navlearn.logs.drive_log import DriveLog
 from navlearn.logs.formats.native import save_log
 from navlearn.logs.synthetic.simulate import simulate_drive
@@ -71,6 +73,51 @@ def test_times_outside_the_log_are_refused(
 ) -> None:
     with pytest.raises(ConfigError, match=r"predict from"):
         predict_drive(load_predictor(predictor), drive, start=start, stop=stop)
+
+
+def test_inputs_that_no_log_has_are_refused(
+    drive: DriveLog, tmp_path: Path, make_fitted: Fitted, make_inputs: Inputs
+) -> None:
+    source = TrainingSource(
+        inputs=("azimuth_estimate", "speed", "delay"),
+        outputs=("azimuth",),
+        acts_on="azimuth",
+        input_units=("rad", "m/s", "60 s"),
+    )
+    fitted = make_fitted(kind="fos", source=source)
+    export_predictor(fitted, tmp_path / "p.pt", check_inputs=make_inputs())
+    with pytest.raises(ConfigError, match="azimuth_estimate are not made from a log alone"):
+        predict_drive(load_predictor(tmp_path / "p.pt"), drive, start=100.0, stop=130.0)
+
+
+@pytest.mark.parametrize("kind", ["fos", "pci"])
+@pytest.mark.parametrize("suffix", [".pt", ".pt2"])
+def test_fitters_of_a_run_are_exported_and_replayed(
+    kind: str,
+    suffix: str,
+    drive: DriveLog,
+    tmp_path: Path,
+    make_fitted: Fitted,
+    make_inputs: Inputs,
+) -> None:
+    fitted, run = make_fitted(kind=kind), tmp_path / "run"
+    save_error_model(fitted, run / "models" / f"{kind}.pt")
+    save_example(make_inputs(), run / "models" / f"{kind}_example.pt")
+    predictor, out = tmp_path / f"predictor{suffix}", tmp_path / "predictions.csv"
+    folder = save_log(drive, tmp_path / "log")
+    commands = (
+        ["export", str(run), "--model", kind, "--to", str(predictor)],
+        ["predict", str(predictor), str(folder), "--from", "100", "--to", "120", "--out", str(out)],
+    )
+    for command in commands:
+        done = CliRunner().invoke(app, command)
+        assert done.exit_code == 0, done.output
+    table = pd.read_csv(out)
+    inputs = torch.tensor(table[["yaw_rate", "speed", "delay"]].to_numpy())
+    expected = fitted.model(inputs).detach().numpy()[:, 0]
+    np.testing.assert_allclose(table["predicted_yaw_rate_error"], expected, rtol=0.0, atol=1e-12)
+    # A rate is no increment: nothing is summed.
+    assert not [name for name in table.columns if name.startswith("total_")]
 
 
 def test_command_writes_the_table_once(drive: DriveLog, predictor: Path, tmp_path: Path) -> None:
