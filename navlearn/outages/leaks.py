@@ -1,12 +1,13 @@
 """Warns of gains that cannot be true: better in real time than with a gyro without error."""
 
+import math
 from collections.abc import Sequence
 
 import pandas as pd
 
 from navlearn.outages.naming import with_unit
 from navlearn.outages.roles import BOUND
-from navlearn.outages.statistics import HEADLINE, column, compare
+from navlearn.outages.statistics import HEADLINE, compare_columns, error_table
 
 
 def leak_warnings(
@@ -28,18 +29,17 @@ def leak_warnings(
         seed: Of the draws.
         where: Said in front, such as the class of gyros.
     """
-    names = set(rows["method"].unique())
-    if BOUND not in names:
+    errors = error_table(rows, metric)
+    if BOUND not in errors.columns:
         return []
     lines = []
-    for name in contenders:
-        if name not in names:
+    for name in (name for name in contenders if name in errors.columns):
+        both = errors[[name, BOUND]].dropna().to_numpy()
+        means = both.mean(axis=0) if len(both) else (math.nan, math.nan)
+        if not means[0] < means[1]:
             continue
-        found = compare(rows, name, BOUND, metric=metric, resamples=resamples, seed=seed)
-        if not found.improvement_percent > 0.0:
-            continue
-        both = pd.concat([column(rows, one, metric) for one in (name, BOUND)], axis=1).dropna()
-        ours, bound = (with_unit(float(mean), metric) for mean in both.to_numpy().mean(axis=0))
+        found = compare_columns(errors, name, BOUND, resamples=resamples, seed=seed)
+        ours, bound = (with_unit(float(mean), metric) for mean in means)
         sure = (
             "the interval excludes chance"
             if found.low_percent > 0.0

@@ -5,10 +5,10 @@ import math
 from navlearn.outages.acting import acting
 from navlearn.outages.leaks import leak_warnings
 from navlearn.outages.naming import counted, with_unit
-from navlearn.outages.oracle_share import OracleShare, share_of_oracle
+from navlearn.outages.oracle_share import OracleShare, share_of_columns
 from navlearn.outages.roles import ORACLE, having, real_time, roles, verdict_words
 from navlearn.outages.run_summary import RunSummary, comparisons
-from navlearn.outages.statistics import FEWEST_UNITS, Comparison, averages
+from navlearn.outages.statistics import FEWEST_UNITS, Comparison, averages, error_table
 from navlearn.outages.wording import never_differs, percent, sentence
 
 Found = dict[str, dict[str, Comparison]]
@@ -22,10 +22,12 @@ def meaning(summary: RunSummary) -> list[str]:
     """
     baselines = [name for name in summary.baselines if name in summary.methods]
     found = {baseline: comparisons(summary, baseline) for baseline in baselines}
+    shares = oracle_shares(summary)
     lines = []
     for name in having(summary.methods, "learned"):
         if baselines:
-            lines.append(_paragraph(summary, name, baselines[0], found))
+            said = _paragraph(summary, name, baselines[0], found[baselines[0]][name])
+            lines.append(said + _reached(shares.get(name), baselines[0]))
         for baseline in baselines[1:]:
             said = sentence(name, baseline, found[baseline][name], learned=True)
             lines.append(said + _whose_gain(name, baseline, baselines[0], found))
@@ -65,22 +67,17 @@ def oracle_shares(summary: RunSummary) -> dict[str, OracleShare]:
     baselines = [name for name in summary.baselines if name in summary.methods]
     if ORACLE not in summary.methods or not baselines:
         return {}
+    errors = error_table(summary.rows, summary.metric)
     return {
-        name: share_of_oracle(
-            summary.rows,
-            name,
-            baselines[0],
-            metric=summary.metric,
-            resamples=summary.resamples,
-            seed=summary.bootstrap_seed,
+        name: share_of_columns(
+            errors, name, baselines[0], resamples=summary.resamples, seed=summary.bootstrap_seed
         )
         for name in summary.methods
         if name not in (ORACLE, baselines[0])
     }
 
 
-def _paragraph(summary: RunSummary, name: str, baseline: str, found: Found) -> str:
-    one = found[baseline][name]
+def _paragraph(summary: RunSummary, name: str, baseline: str, one: Comparison) -> str:
     verdict = verdict_words(one.verdict, "learned", never_differs=never_differs(one))
     said = f"**{name}: {verdict}.** {sentence(name, baseline, one, learned=True)}"
     if one.pairs == 0 or never_differs(one):
@@ -90,7 +87,7 @@ def _paragraph(summary: RunSummary, name: str, baseline: str, found: Found) -> s
         f" The 90th percentile is {with_unit(mine.p90, summary.metric)} ({baseline}: "
         f"{with_unit(other.p90, summary.metric)})."
     )
-    return said + _acted(summary, name) + _share(summary, name, baseline)
+    return said + _acted(summary, name)
 
 
 def _acted(summary: RunSummary, name: str) -> str:
@@ -101,10 +98,9 @@ def _acted(summary: RunSummary, name: str) -> str:
     return f" {who} in {found.acted} of {counted(found.asked, 'outage')}."
 
 
-def _share(summary: RunSummary, name: str, baseline: str) -> str:
-    if ORACLE not in summary.methods:
+def _reached(share: OracleShare | None, baseline: str) -> str:
+    if share is None:
         return ""
-    share = oracle_shares(summary)[name]
     if share.unknown_because:
         return f" What share of the oracle's gain that is cannot be told: {share.unknown_because}."
     interval = (

@@ -2,9 +2,9 @@
 
 import pandas as pd
 
-from navlearn.outages.oracle_share import share_columns, share_of_oracle
+from navlearn.outages.oracle_share import share_columns, share_of_columns
 from navlearn.outages.roles import ORACLE
-from navlearn.outages.statistics import HEADLINE, Judging, averages, compare
+from navlearn.outages.statistics import HEADLINE, Intervals, averages, compare_columns, error_table
 
 
 def method_table(
@@ -36,23 +36,18 @@ def method_table(
     Raises:
         ConfigError: The metric is not in the table, or an outage comes twice.
     """
-    judging: Judging = {
-        "metric": metric,
-        "confidence": confidence,
-        "resamples": resamples,
-        "seed": seed,
-    }
-    present = [name for name in baselines if (rows["method"] == name).any()]
-    measured = bool(present) and (rows["method"] == ORACLE).any()
+    drawn: Intervals = {"confidence": confidence, "resamples": resamples, "seed": seed}
+    errors = error_table(rows, metric)
+    present = [name for name in baselines if name in errors.columns]
+    measured = bool(present) and ORACLE in errors.columns
     table = []
     for method in rows["method"].unique():
         line: dict[str, object] = {"method": method, **vars(averages(rows, method, metric))}
         for baseline in present:
             if method != baseline:
-                found = compare(rows, method, baseline, **judging)
+                found = compare_columns(errors, method, baseline, **drawn)
                 line |= {f"{key}_vs_{baseline}": value for key, value in vars(found).items()}
         if measured and method not in (present[0], ORACLE):
-            share = share_of_oracle(rows, method, present[0], **judging)
-            line |= share_columns(share)
+            line |= share_columns(share_of_columns(errors, method, present[0], **drawn))
         table.append(line)
     return pd.DataFrame(table)

@@ -12,7 +12,7 @@ import pandas as pd
 
 from navlearn.outages.bootstrap import resampled_sums, tail_probability
 from navlearn.outages.roles import ORACLE
-from navlearn.outages.statistics import HEADLINE, column, compare, units_of
+from navlearn.outages.statistics import HEADLINE, compare_columns, error_table, units_of
 from navlearn.outages.track import Array
 
 
@@ -58,23 +58,44 @@ def share_of_oracle(
         seed: Of the draws.
 
     Raises:
-        ConfigError: The method, the baseline or the metric is not in the table.
+        ConfigError: The metric is not in the table, or an outage comes twice.
     """
-    names = set(rows["method"].unique())
-    if ORACLE not in names or baseline not in names:
-        missing = ORACLE if ORACLE not in names else baseline
-        return _unknown(0, f"there is no `{missing}` to measure by")
-    values = pd.concat(
-        [column(rows, name, metric) for name in (baseline, method, ORACLE)], axis=1
-    ).dropna()
-    units, _ = units_of(values.index)
-    limit = compare(
-        rows, ORACLE, baseline, metric=metric,
-        confidence=confidence, resamples=resamples, seed=seed,
-    )  # fmt: skip
-    if limit.verdict != "helps" or len(values) == 0:
+    errors = error_table(rows[rows["method"].isin((method, baseline, ORACLE))], metric)
+    return share_of_columns(
+        errors, method, baseline, confidence=confidence, resamples=resamples, seed=seed
+    )
+
+
+def share_of_columns(
+    errors: pd.DataFrame,
+    method: str,
+    baseline: str = "ekf",
+    *,
+    confidence: float = 0.95,
+    resamples: int = 5000,
+    seed: int = 0,
+) -> OracleShare:
+    """Return the share of a column of a table of errors, as :func:`share_of_oracle` of rows.
+
+    Args:
+        errors: What :func:`~navlearn.outages.statistics.error_table` returned.
+        method: A column.
+        baseline: The column where the gain is counted from.
+        confidence: Of the interval.
+        resamples: Bootstrap draws.
+        seed: Of the draws.
+    """
+    for name in (ORACLE, baseline, method):
+        if name not in errors.columns:
+            return _unknown(0, f"there is no `{name}` to measure by")
+    values = errors[[baseline, method, ORACLE]].dropna()
+    limit = compare_columns(
+        errors, ORACLE, baseline, confidence=confidence, resamples=resamples, seed=seed
+    )
+    if limit.verdict != "helps" or values.empty:
         return _unknown(len(values), "the oracle's own gain is not clear of zero")
     figures = values.to_numpy()
+    units, _ = units_of(values.index)
     gains = _gains(figures.sum(axis=0, keepdims=True))[0]
     sums = resampled_sums(figures, units, resamples=resamples, seed=seed)
     tail = tail_probability(np.unique(units).size, confidence)

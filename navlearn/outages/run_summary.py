@@ -7,7 +7,7 @@ import pandas as pd
 
 from navlearn.outages.published import PublishedTable
 from navlearn.outages.schedule import OutageProtocol, Placement
-from navlearn.outages.statistics import HEADLINE, Comparison, compare
+from navlearn.outages.statistics import HEADLINE, Comparison, compare_columns, error_table
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,14 +104,10 @@ def comparisons(summary: RunSummary, baseline: str) -> dict[str, Comparison]:
     """
     if baseline not in summary.methods:
         return {}
+    errors = error_table(summary.rows, summary.metric)
     return {
-        name: compare(
-            summary.rows,
-            name,
-            baseline,
-            metric=summary.metric,
-            resamples=summary.resamples,
-            seed=summary.bootstrap_seed,
+        name: compare_columns(
+            errors, name, baseline, resamples=summary.resamples, seed=summary.bootstrap_seed
         )
         for name in summary.methods
         if name != baseline

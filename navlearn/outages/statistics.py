@@ -10,6 +10,7 @@ from scipy import stats
 
 from navlearn.errors import ConfigError
 from navlearn.outages.bootstrap import bootstrap_interval, improvement
+from navlearn.outages.track import Array
 
 HEADLINE = "max_horizontal_error_m"
 HARM = 1.1
@@ -25,10 +26,9 @@ may grow before anybody notices. It is a third of what counts as harm in a singl
 the ten metres that a good filter drifts in a minute it is less than a fix is off by."""
 
 
-class Judging(TypedDict, total=False):
-    """By what methods are judged: keywords of :func:`compare` and of all that stands on it."""
+class Intervals(TypedDict, total=False):
+    """How intervals are drawn: keywords of :func:`compare` and of all that stands on it."""
 
-    metric: str
     confidence: float
     resamples: int
     seed: int
@@ -100,7 +100,18 @@ def averages(rows: pd.DataFrame, method: str, metric: str = HEADLINE) -> Average
     Raises:
         ConfigError: The method or the metric is not in the table, or an outage comes twice.
     """
-    values = column(rows, method, metric).to_numpy()
+    errors = error_table(rows[rows["method"] == method], metric)
+    if errors.empty:
+        raise _no_method(rows, method)
+    return averages_of(errors[method].to_numpy())
+
+
+def averages_of(values: Array) -> Averages:
+    """Return mean, median and 90th percentile of the figures of one method.
+
+    Args:
+        values: A figure per outage, NaN where the method failed, shape (N,).
+    """
     known = values[np.isfinite(values)]
     if known.size:
         mean, (median, p90) = float(known.mean()), np.percentile(known, [50.0, 90.0])
@@ -139,12 +150,39 @@ def compare(
     Raises:
         ConfigError: A method or the metric is not in the table, or an outage comes twice.
     """
-    ours, theirs = column(rows, method, metric), column(rows, baseline, metric)
-    both = pd.DataFrame({"ours": ours, "theirs": theirs})
-    failed = int((both["ours"].isna() & both["theirs"].notna()).sum())
-    both = both.dropna()
-    mine, other = both["ours"].to_numpy(), both["theirs"].to_numpy()
-    units, drawn_by = units_of(both.index)
+    errors = error_table(rows[rows["method"].isin((method, baseline))], metric)
+    for name in (method, baseline):
+        if name not in errors.columns:
+            raise _no_method(rows, name)
+    return compare_columns(
+        errors, method, baseline, confidence=confidence, resamples=resamples, seed=seed
+    )
+
+
+def compare_columns(
+    errors: pd.DataFrame,
+    method: str,
+    baseline: str,
+    *,
+    confidence: float = 0.95,
+    resamples: int = 5000,
+    seed: int = 0,
+) -> Comparison:
+    """Compare two columns of a table of errors, as :func:`compare` does rows.
+
+    Args:
+        errors: What :func:`error_table` returned.
+        method: A column.
+        baseline: The column to compare with.
+        confidence: Of the interval.
+        resamples: Bootstrap draws.
+        seed: Of the draws.
+    """
+    mine, other = errors[method].to_numpy(), errors[baseline].to_numpy()
+    failed = int((np.isnan(mine) & ~np.isnan(other)).sum())
+    both = ~np.isnan(mine + other)
+    mine, other = mine[both], other[both]
+    units, drawn_by = units_of(errors.index[both])
     low, high = bootstrap_interval(
         mine, other, units, confidence=confidence, resamples=resamples, seed=seed
     )
@@ -165,6 +203,31 @@ def compare(
         failed=failed,
         verdict=verdict_of(low, high, count, failed),
     )
+
+
+def error_table(rows: pd.DataFrame, metric: str = HEADLINE) -> pd.DataFrame:
+    """Return the figure of every method side by side, a row per outage.
+
+    Args:
+        rows: Table of outages, as ``outages.csv``.
+        metric: Column to judge by.
+
+    Returns:
+        A column per method, float64, NaN where it failed or was not run; indexed by drive and
+        number of the outage.
+
+    Raises:
+        ConfigError: The metric is not in the table, or an outage comes twice.
+    """
+    if metric not in rows.columns:
+        raise ConfigError(f"statistics: no column {metric!r}; there are {list(rows.columns)}")
+    keys = ["drive", "outage", "method"]
+    twice = rows.duplicated(keys)
+    if twice.any():
+        name = rows.loc[twice, "method"].iloc[0]
+        raise ConfigError(f"statistics: {name} has an outage twice; give each drive its own name")
+    # pivot_table would leave out the outages in which every method failed.
+    return rows.set_index(keys)[metric].astype(float).unstack("method")  # noqa: PD010
 
 
 def verdict_of(low: float, high: float, units: int, failed: int = 0) -> str:
@@ -195,7 +258,7 @@ def units_of(index: pd.Index) -> tuple[np.ndarray, str]:
     """Return what the bootstrap draws: drives where there are several, else outages.
 
     Args:
-        index: Drive and number of each outage, as :func:`column` returns them.
+        index: Drive and number of each outage, as of :func:`error_table`.
 
     Returns:
         A name per outage, alike for what is drawn together, and ``drive`` or ``outage``.
@@ -227,3 +290,7 @@ def column(rows: pd.DataFrame, method: str, metric: str) -> "pd.Series[float]":
     if part.index.has_duplicates:
         raise ConfigError(f"statistics: {method} has an outage twice; give each drive its own name")
     return part.astype(float)
+
+
+def _no_method(rows: pd.DataFrame, name: str) -> ConfigError:
+    return ConfigError(f"statistics: no method {name!r}; there are {list(rows['method'].unique())}")

@@ -9,10 +9,17 @@ import pandas as pd
 from navlearn.errors import ConfigError
 from navlearn.outages.acting import acting
 from navlearn.outages.markdown import markdown_table, number, signed
-from navlearn.outages.oracle_share import share_columns, share_of_oracle
+from navlearn.outages.oracle_share import share_columns, share_of_columns
 from navlearn.outages.roles import ORACLE, role_of, verdict_words
 from navlearn.outages.run_summary import MethodSummary
-from navlearn.outages.statistics import HEADLINE, Comparison, Judging, averages, compare
+from navlearn.outages.statistics import (
+    HEADLINE,
+    Comparison,
+    Intervals,
+    averages_of,
+    compare_columns,
+    error_table,
+)
 
 KEYS = ("gyro_class", "duration_s")
 """Columns whose values tell cells apart."""
@@ -60,40 +67,47 @@ def sweep_table(
             ``methods``, or an outage comes twice.
     """
     _check(rows, methods)
-    judging: Judging = {
-        "metric": metric,
-        "confidence": confidence,
-        "resamples": resamples,
-        "seed": seed,
-    }
+    drawn: Intervals = {"confidence": confidence, "resamples": resamples, "seed": seed}
     table: list[dict[str, object]] = []
     for (gyro_class, duration), part in cells_of(rows):
-        there = set(part["method"].unique())
-        if baseline not in there:
+        errors = error_table(part, metric)
+        if baseline not in errors.columns:
             raise ConfigError(
                 f"sweep: class {gyro_class} at {duration:g} s has no method {baseline!r} to "
-                f"compare with; there are {sorted(there)}"
+                f"compare with; there are {list(errors.columns)}"
             )
-        for name in (name for name in methods if name in there):
-            mine = part[part["method"] == name]
-            line: dict[str, object] = {
-                "gyro_class": gyro_class,
-                "duration_s": duration,
-                "method": name,
-                "role": role_of(name, methods[name].regime),
-                "drives": mine["drive"].nunique(),
-                **vars(averages(mine, name, metric)),
-            }
-            if name != baseline:
-                found = vars(compare(part, name, baseline, **judging))
-                line |= found | {"failed": line["failed"], "failed_alone": found["failed"]}
-            if name not in (baseline, ORACLE):
-                line |= share_columns(share_of_oracle(part, name, baseline, **judging))
-            verdicts = acting(mine, name)
-            if verdicts is not None:
-                line |= vars(verdicts)
-            table.append(line)
+        of_method = dict(list(part.groupby("method", sort=False)))
+        for name in (name for name in methods if name in of_method):
+            mine = of_method[name]
+            table.append(
+                {
+                    "gyro_class": gyro_class,
+                    "duration_s": duration,
+                    "method": name,
+                    "role": role_of(name, methods[name].regime),
+                    "drives": mine["drive"].nunique(),
+                    **_figures(errors, name, baseline, drawn),
+                    **vars(averages_of(mine[metric].to_numpy(dtype=float))),
+                    **_acting(mine, name),
+                }
+            )
     return pd.DataFrame(table, columns=list(COLUMNS))
+
+
+def _figures(errors: pd.DataFrame, name: str, baseline: str, drawn: Intervals) -> dict[str, object]:
+    """Return a method's comparison with the baseline and its share of the oracle's gain."""
+    line: dict[str, object] = {}
+    if name != baseline:
+        line |= vars(compare_columns(errors, name, baseline, **drawn))
+        line["failed_alone"] = line.pop("failed")
+    if name not in (baseline, ORACLE):
+        line |= share_columns(share_of_columns(errors, name, baseline, **drawn))
+    return line
+
+
+def _acting(rows: pd.DataFrame, name: str) -> dict[str, object]:
+    verdicts = acting(rows, name)
+    return {} if verdicts is None else dict(vars(verdicts))
 
 
 def cells_of(rows: pd.DataFrame) -> Iterator[tuple[tuple[str, float], pd.DataFrame]]:
