@@ -16,26 +16,13 @@ from torch import Tensor
 
 from navlearn.errors import ShapeError
 from navlearn.filters.belief import Belief, map_belief
-from navlearn.filters.scan import LinearSteps, filter_in_parallel
-from navlearn.filters.smoother import Smoothed, forward_pass, smooth_in_parallel
-from navlearn.fusion.fast_pass import shift_of_blocks
-from navlearn.fusion.filter_model import (
-    FilterModel,
-    Prediction,
-    difference,
-    fed_back,
-    predict_blocks,
-)
-from navlearn.fusion.gating import opened, taken
-from navlearn.fusion.ground_velocity import BlockEnd
+from navlearn.fusion.filter_model import FilterModel
 from navlearn.fusion.history import FilterHistory
 from navlearn.fusion.loosely_coupled import LooselyCoupledEkf
-from navlearn.fusion.measurements import Verdict
-from navlearn.fusion.noise import EkfNoise
 from navlearn.fusion.record import starts_of_blocks
 from navlearn.fusion.smoothed_path import smoothed_path
-from navlearn.fusion.timeline import Timeline, timeline
-from navlearn.fusion.updates import measured
+from navlearn.fusion.smoothing_pass import Evidence, SmoothedPass, evidence_of, smoothing_pass
+from navlearn.fusion.timeline import timeline
 from navlearn.states import FixTiming, GnssFix, RissSample, Trajectory
 
 
@@ -76,23 +63,6 @@ class SmoothedDrive(NamedTuple):
     transition: Tensor
     gain: Tensor
     passes: int
-
-
-class _Evidence(NamedTuple):
-    """What all passes share: the gate's verdicts, and the variance its resets opened."""
-
-    start: Belief
-    line: Timeline
-    noise: EkfNoise
-    verdict: Tensor
-    opened: Tensor
-
-
-class _Pass(NamedTuple):
-    start: Belief
-    belief: Belief
-    ahead: Prediction
-    gain: Tensor
 
 
 def smooth(
@@ -140,81 +110,32 @@ def smooth(
             f"the {line.blocks.end.shape[-1]} of these samples and fixes; pass what the filter ran "
             "on, and the filter itself"
         )
-    evidence = _Evidence(
-        start, line, ekf.noise, history.verdict, _opened(model, history, line, ekf.noise)
-    )
+    evidence = evidence_of(model, start, line, history, ekf.noise)
     found, passes = _iterated(model, evidence, history.belief, chosen)
     return SmoothedDrive(
         line.blocks.end,
         found.start,
         found.belief,
         smoothed_path(model, found.start, found.belief, line),
-        found.ahead.linearised.transition,
+        found.transition,
         found.gain,
         passes,
     )
 
 
 def _iterated(
-    model: FilterModel, evidence: _Evidence, belief: Belief, options: SmoothingOptions
-) -> tuple[_Pass, int]:
-    first = found = _smoothing_pass(model, evidence, starts_of_blocks(evidence.start, belief))
+    model: FilterModel, evidence: Evidence, belief: Belief, options: SmoothingOptions
+) -> tuple[SmoothedPass, int]:
+    first = found = smoothing_pass(model, evidence, starts_of_blocks(evidence.start, belief))
     moved = 0.0
     for number in range(2, options.passes + 1):
         begin = starts_of_blocks(found.start, found.belief)
-        found = _smoothing_pass(model, evidence, begin)
+        found = smoothing_pass(model, evidence, begin)
         moved = _largest_move(starts_of_blocks(found.start, found.belief), begin)
         if moved < options.tolerance:
             return found, number
     # written so that NaN, which is not below anything, gives up too
     return (found, options.passes) if moved < options.give_up else (first, 1)
-
-
-def _smoothing_pass(model: FilterModel, evidence: _Evidence, begin: Belief) -> _Pass:
-    """Filter and smooth deviations from what blocks predict from a guess of their starts."""
-    start, line = evidence.start, evidence.line
-    ahead = predict_blocks(model, begin, line.samples, line.acceleration, evidence.noise)
-    end = begin._replace(
-        state=ahead.state, sensor=ahead.sensor, velocity_offset=ahead.velocity_offset
-    )
-    found = measured(model.measurement, end, line.occasion, evidence.noise)
-    used = taken(model, found, evidence.verdict)
-    transition, q = ahead.linearised
-    steps = LinearSteps(
-        transition,
-        shift_of_blocks(model, begin, end, line, transition),
-        q + torch.diag_embed(evidence.opened),
-        used.observation,
-        used.variance,
-        used.innovation,
-    )
-    guess, opening = map_belief(begin, _first_block), _opening(line)
-    prior = difference(model, start, guess, opening)
-    filtered = filter_in_parallel(prior, start.covariance, steps)
-    smoothed: Smoothed = smooth_in_parallel(forward_pass(prior, start.covariance, steps, filtered))
-    mean, covariance = smoothed.mean, smoothed.covariance
-    before = fed_back(model, guess, mean[:, 0], opening)
-    after = fed_back(model, end, mean[:, 1:], line.occasion.end)
-    return _Pass(
-        before._replace(covariance=covariance[:, 0]),
-        after._replace(covariance=covariance[:, 1:]),
-        ahead,
-        smoothed.gain,
-    )
-
-
-def _opened(model: FilterModel, history: FilterHistory, line: Timeline, noise: EkfNoise) -> Tensor:
-    """Return the variance that the gate's resets added at the ends of blocks, shape (B, K, n)."""
-    if not bool((history.verdict == int(Verdict.ACCEPTED_BY_RESET)).any()):
-        return torch.zeros_like(history.belief.covariance[..., 0])
-    found = measured(model.measurement, history.prior, line.occasion, noise)
-    return opened(model, history.verdict, found, torch.nan_to_num(history.innovation))
-
-
-def _opening(line: Timeline) -> BlockEnd:
-    """Return the first sample of drives: what a belief before it is told of the odometer."""
-    sample = RissSample(*(channel[:, 0, 0] for channel in line.samples))
-    return BlockEnd(sample, line.acceleration[:, 0, 0])
 
 
 def _largest_move(new: Belief, old: Belief) -> float:
@@ -225,11 +146,7 @@ def _largest_move(new: Belief, old: Belief) -> float:
             30.0 * (new.state.azimuth - old.state.azimuth).abs().amax(),
         ]
     )
-    return float(move.amax())
-
-
-def _first_block(x: Tensor) -> Tensor:
-    return x[:, 0]
+    return float(move.detach().amax())
 
 
 def _unsqueezed(x: Tensor) -> Tensor:

@@ -9,7 +9,10 @@ import torch
 from torch import Tensor
 
 from navlearn import wgs84
+from navlearn.filters.belief import Belief
 from navlearn.frames import shift_geodetic
+from navlearn.fusion.error_state import initial_belief
+from navlearn.fusion.options import EkfOptions, GateOptions, InitialOptions, NoiseOptions
 from navlearn.mechanization.riss_parallel import riss_over_time
 from navlearn.states import FixTiming, GnssFix, NavState, RissSample, Trajectory
 
@@ -82,3 +85,63 @@ def drive(
 @pytest.fixture(scope="session")
 def make_drive() -> Callable[..., Drive]:
     return drive
+
+
+def drives_of_the_model(
+    runs: int, seconds: int, seed: int
+) -> tuple[EkfOptions, Belief, Drive, Tensor]:
+    """A filter, what it believes at the start, drives whose errors are drawn from its own model,
+    and their sensor errors, shape (runs, 1, 3)."""
+    initial = InitialOptions(
+        position=2.0,
+        height=2.0,
+        azimuth=0.03,
+        pitch_bias=0.005,
+        gyro={"bias": 0.001},
+        speed={"scale": 0.01},
+    )
+    noise = NoiseOptions(
+        gyro_random_walk=5e-4,
+        turn_noise=0.0,
+        gyro_bias_walk=1e-7,
+        speed_scale_walk=1e-7,
+        pitch_bias_walk=1e-7,
+        position_walk=1e-3,
+        height_walk=1e-3,
+        position_inflation=1.0,
+        position_floor=0.0,
+        height_floor=0.0,
+        velocity_floor=0.0,
+        speed_noise=0.0,
+    )
+    options = EkfOptions(
+        initial=initial, noise=noise, gate=GateOptions(probability=1.0), zero_yaw_rate=False
+    )
+    g = torch.Generator().manual_seed(seed)
+
+    def draw(sigma: float) -> Tensor:
+        return sigma * torch.randn(runs, 1, generator=g, dtype=torch.float64)
+
+    bias, scale, pitch = draw(0.001), draw(0.01), draw(0.005)
+    d = drive(
+        seconds=seconds,
+        rate=10,
+        batch=runs,
+        seed=seed - 6,
+        bias=bias,
+        scale=scale,
+        pitch_bias=pitch,
+        gyro_random_walk=5e-4,
+    )
+    still = torch.zeros_like(d.samples.stationary)
+    d = d._replace(samples=d.samples._replace(stationary=still))
+    wrong = torch.cat((draw(2.0), draw(2.0), draw(2.0), draw(0.03)), 1)
+    lat, lon, height = shift_geodetic(*d.start[:3], *wrong[:, :3].unbind(1))
+    begin = NavState(lat, lon, height, d.start.azimuth + wrong[:, 3])
+    belief = initial_belief(options, d.start)._replace(state=begin)
+    return options, belief, d, torch.cat((bias, scale, pitch), 1).unsqueeze(1)
+
+
+@pytest.fixture(scope="session")
+def model_drives() -> Callable[..., tuple[EkfOptions, Belief, Drive, Tensor]]:
+    return drives_of_the_model

@@ -9,8 +9,8 @@ from navlearn.filters.consistency import mean_band, nees
 from navlearn.fusion.error_state import initial_belief, position_difference
 from navlearn.fusion.loosely_coupled import LooselyCoupledEkf
 from navlearn.fusion.measurements import Kind
-from navlearn.fusion.options import EkfOptions, GateOptions, InitialOptions, NoiseOptions
-from navlearn.states import NavState, RissSample
+from navlearn.fusion.options import EkfOptions, GateOptions
+from navlearn.states import NavState
 
 
 def end_of(options, d, method):
@@ -66,80 +66,27 @@ def test_noise_can_be_learned_through_the_filter(make_drive):
     assert float(gradient[ekf.noise._fields.index("position_floor")]) < 0.0
 
 
-def monte_carlo(make_drive, runs):
+def monte_carlo(model_drives, runs):
     """Run a filter on drives whose errors are drawn from its own model."""
-    initial = InitialOptions(
-        position=2.0,
-        height=2.0,
-        azimuth=0.03,
-        pitch_bias=0.005,
-        gyro={"bias": 0.001},
-        speed={"scale": 0.01},
-    )
-    noise = NoiseOptions(
-        gyro_random_walk=5e-4,
-        turn_noise=0.0,
-        gyro_bias_walk=1e-7,
-        speed_scale_walk=1e-7,
-        pitch_bias_walk=1e-7,
-        position_walk=1e-3,
-        height_walk=1e-3,
-        position_inflation=1.0,
-        position_floor=0.0,
-        height_floor=0.0,
-        velocity_floor=0.0,
-        speed_noise=0.0,
-    )
-    options = EkfOptions(
-        initial=initial, noise=noise, gate=GateOptions(probability=1.0), zero_yaw_rate=False
-    )
-    g = torch.Generator().manual_seed(11)
-
-    def draw(sigma):
-        return sigma * torch.randn(runs, 1, generator=g, dtype=torch.float64)
-
-    bias, scale, pitch = draw(0.001), draw(0.01), draw(0.005)
-    d = make_drive(
-        seconds=60,
-        rate=10,
-        batch=runs,
-        seed=5,
-        bias=bias,
-        scale=scale,
-        pitch_bias=pitch,
-        gyro_random_walk=5e-4,
-    )
-    still = torch.zeros_like(d.samples.stationary)
-    d = d._replace(samples=RissSample(*d.samples[:7], still))
-    belief = initial_belief(options, d.start)
-    wrong = torch.cat((draw(2.0), draw(2.0), draw(2.0), draw(0.03)), 1)
-    lat, lon, height, azimuth = d.start
-    begin = NavState(
-        lat + wrong[:, 1] / 6.38e6,
-        lon + wrong[:, 0] / (6.38e6 * torch.cos(lat)),
-        height + wrong[:, 2],
-        azimuth + wrong[:, 3],
-    )
+    options, belief, d, sensors = model_drives(runs, 60, 11)
     with torch.no_grad():
-        history = LooselyCoupledEkf(options)(
-            belief._replace(state=begin), d.samples, d.fixes, d.timing
-        )
+        history = LooselyCoupledEkf(options)(belief, d.samples, d.fixes, d.timing)
     truth = NavState(*(torch.gather(x.expand(runs, -1), 1, history.end) for x in d.truth[:4]))
     at = history.belief
     error = torch.cat(
         (
             position_difference(at.state, truth),
             (at.state.azimuth - truth.azimuth).unsqueeze(-1),
-            at.sensor - torch.cat((bias, scale, pitch), 1).unsqueeze(1),
+            at.sensor - sensors,
         ),
         -1,
     )
     return history, nees(error, at.covariance)
 
 
-def shares_in_bands(make_drive, runs):
+def shares_in_bands(model_drives, runs):
     """Return per quantity: its mean, its 95 % band per epoch, and the share of epochs inside."""
-    history, squares = monte_carlo(make_drive, runs)
+    history, squares = monte_carlo(model_drives, runs)
     table = {}
     for name, values, degrees in (
         ("NEES", squares, 7),
@@ -160,14 +107,14 @@ def shares_in_bands(make_drive, runs):
     return table
 
 
-def test_the_filter_is_as_good_as_it_says(make_drive):
-    for name, (_, _, share) in shares_in_bands(make_drive, 20).items():
+def test_the_filter_is_as_good_as_it_says(model_drives):
+    for name, (_, _, share) in shares_in_bands(model_drives, 20).items():
         assert share > 0.8, name
 
 
 @pytest.mark.slow
-def test_the_filter_is_as_good_as_it_says_over_a_hundred_runs(make_drive):
-    for name, (mean, band, share) in shares_in_bands(make_drive, 100).items():
+def test_the_filter_is_as_good_as_it_says_over_a_hundred_runs(model_drives):
+    for name, (mean, band, share) in shares_in_bands(model_drives, 100).items():
         assert band.low < mean < band.high, name
         # errors stay for long: that NEES of one epoch is outside, its neighbours' are
         assert share > (0.85 if name == "NEES" else 0.9), name
