@@ -1,0 +1,163 @@
+"""Gyro error terms as states of the filter, as a method.
+
+Two filters run over the drive: the honest one, and one with more of the gyro's errors among its
+states. Outages are emulated all through the past; from each start both coast from what they
+believed there, which rests on nothing later. The richer filter takes over only if it did better.
+"""
+
+import torch
+from torch import Tensor
+
+from navlearn.error_models.safeguard import GateVerdict, rolling_origin_gate
+from navlearn.errors import FilterDivergedError, FitError
+from navlearn.experiment.anarx_method import last_fix
+from navlearn.experiment.baselines import FilterRuns, believed, believed_table, filter_options
+from navlearn.experiment.gyro_parameters import readable_parameters
+from navlearn.frames import enu_between
+from navlearn.learning.pseudo_outages import PseudoOutageOptions, PseudoOutages, emulate_outages
+from navlearn.logs.drive_log import DriveLog
+from navlearn.navigator import Navigator, NavigatorRun, belief_at
+from navlearn.outages.replay import Solution
+from navlearn.outages.schedule import Outage
+from navlearn.recipe import Recipe
+from navlearn.recipe.augmented_spec import AugmentedSpec
+from navlearn.states import Trajectory
+
+
+class AugmentedMethod:
+    """The filter with more gyro states, or the honest one where the gate refuses them."""
+
+    def __init__(self, runs: FilterRuns, spec: AugmentedSpec) -> None:
+        """Make a method of a model.
+
+        Args:
+            runs: Filter runs, shared with the other methods.
+            spec: The model.
+        """
+        self.runs, self.spec = runs, spec
+
+    def predict(self, log: DriveLog, outage: Outage) -> Solution:
+        """Return the prediction through an outage of the filter that did better before.
+
+        Args:
+            log: The drive up to the outage's end, without fixes from its start.
+            outage: The outage.
+        """
+        timeline, navigator, honest = self.runs.run(log)
+        t = timeline.t[honest.first :]
+        options = self.spec.filter_options(filter_options(self.runs.recipe, log=log))
+        try:
+            _, richer, augmented = self.runs.run(log, options)
+            block, gone = last_fix(honest)
+            verdict = self._judge(navigator, honest, richer, augmented, gone)
+        except (FitError, FilterDivergedError) as problem:
+            table = believed_table(t, believed(honest.history), outage)
+            return Solution(table=table, notes={"used": False, "reason": str(problem)})
+        used = verdict.use or not self.spec.safeguard.gate
+        chosen = augmented if used else honest
+        return Solution(
+            table=believed_table(t, believed(chosen.history), outage),
+            notes={
+                **gate_notes(verdict, self.spec, used=used),
+                "parameters": readable_parameters(options, belief_at(augmented.history, block)),
+            },
+        )
+
+    def _judge(
+        self,
+        navigator: Navigator,
+        honest: NavigatorRun,
+        richer: Navigator,
+        augmented: NavigatorRun,
+        gone: int,
+    ) -> GateVerdict:
+        """Return whether the augmented filter's beliefs coasted better than the honest ones'.
+
+        Args:
+            navigator: The honest filter.
+            honest: Its run.
+            richer: The augmented filter.
+            augmented: Its run.
+            gone: First sample without GNSS.
+        """
+        safeguard = self.spec.safeguard
+        errors = torch.zeros(2, 0, dtype=torch.float64)
+        try:
+            emulated = judging_options(self.runs.recipe, self.spec)
+            without = emulate_outages(navigator, honest, emulated, end=gone)
+            with_model = emulate_outages(richer, augmented, emulated, end=gone)
+            reference = midway(without.reference, with_model.reference)
+            errors = torch.stack([largest_error(one, reference) for one in (with_model, without)])
+        except FitError:
+            if safeguard.gate:
+                raise
+        return rolling_origin_gate(
+            errors[0], errors[1], margin=safeguard.gate_margin, fewest=safeguard.gate_fewest
+        )
+
+
+def judging_options(recipe: Recipe, spec: AugmentedSpec) -> PseudoOutageOptions:
+    """Return how the outages are emulated that judge a model.
+
+    Args:
+        recipe: Tells what good GNSS is, and how little driving teaches nothing.
+        spec: The model.
+    """
+    return PseudoOutageOptions(
+        horizon=spec.judge_s,
+        every=spec.judge_every_s,
+        settle=spec.judge_after_s,
+        minimum_distance=recipe.training.minimum_distance,
+        max_fix_interval=recipe.outages.max_fix_interval_s,
+    )
+
+
+def midway(one: Trajectory, other: Trajectory) -> Trajectory:
+    """Return the trajectory halfway between two, so that it favours neither.
+
+    Args:
+        one: What one filter knew, shape (...) each.
+        other: What another knew at the same times, shape (...) each.
+    """
+    return Trajectory(*(0.5 * (a + b) for a, b in zip(one, other, strict=True)))
+
+
+def largest_error(outages: PseudoOutages, reference: Trajectory) -> Tensor:
+    """Return the largest horizontal error of every emulated outage, m, shape (N,).
+
+    Args:
+        outages: Emulated outages.
+        reference: Where the car was, shape (N, L) each.
+    """
+    predicted = outages.predicted
+    east, north, _ = enu_between(
+        predicted.lat, predicted.lon, predicted.height,
+        reference.lat, reference.lon, reference.height,
+    )  # fmt: skip
+    return torch.hypot(east, north).amax(-1)
+
+
+def gate_notes(verdict: GateVerdict, spec: AugmentedSpec, *, used: bool) -> dict[str, object]:
+    """Return what the gate found, as notes of a solution.
+
+    Args:
+        verdict: Of the gate.
+        spec: The model.
+        used: Whether the model acts.
+    """
+    found = (
+        f"{100.0 * verdict.improvement:+.1f} % on {verdict.replays} emulated outages"
+        if verdict.replays
+        else "no emulated outage to judge by"
+    )
+    asked = (
+        f"{100.0 * verdict.margin:g} % on at least {spec.safeguard.gate_fewest} asked for"
+        if spec.safeguard.gate
+        else "not asked for: the spec switches the gate off"
+    )
+    return {
+        "used": used,
+        "reason": f"rolling-origin gate: {found}, {asked}",
+        "gate_improvement_percent": 100.0 * verdict.improvement,
+        "gate_replays": verdict.replays,
+    }
