@@ -12,6 +12,7 @@ from navlearn.logs.drive_log import DriveLog
 from navlearn.outages.canvas import FIX, INK, REFERENCE, ROAD, Dash, new_figure, save, styles, tidy
 from navlearn.outages.metrics import road_figures
 from navlearn.outages.replay import Replay
+from navlearn.outages.roles import oracles_last
 from navlearn.outages.schedule import Outage
 from navlearn.outages.track import Array, Track, enu_metres, local_metres, track_of
 
@@ -40,8 +41,8 @@ class Scene:
 
     @property
     def methods(self) -> list[str]:
-        """Names of the methods, in the order of the run."""
-        return [str(name) for name in self.replay.rows["method"].unique()]
+        """Names of the methods, in the order of the run, oracles last."""
+        return oracles_last(str(name) for name in self.replay.rows["method"].unique())
 
 
 def plot_track(path: Path, scene: Scene) -> Path:

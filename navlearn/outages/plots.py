@@ -10,6 +10,7 @@ import pandas as pd
 from navlearn.outages.canvas import INK, logarithmic, logarithmic_up, new_figure, save, styles, tidy
 from navlearn.outages.naming import axis_label
 from navlearn.outages.replay import Replay
+from navlearn.outages.roles import oracles_last
 from navlearn.outages.statistics import HEADLINE
 from navlearn.outages.track import Array
 
@@ -30,7 +31,7 @@ def plot_error_growth(path: Path, replays: Sequence[Replay]) -> Path:
     Returns:
         The path.
     """
-    methods = [str(name) for name in replays[0].rows["method"].unique()]
+    methods = oracles_last(str(name) for name in replays[0].rows["method"].unique())
     durations = pd.concat([one.rows["duration_s"] for one in replays])
     grid = np.linspace(0.0, float(durations.max()), 121)
     figure = new_figure(8.0, 4.8)
@@ -67,7 +68,7 @@ def plot_distribution(path: Path, rows: pd.DataFrame, metric: str = HEADLINE) ->
     Returns:
         The path.
     """
-    methods = [str(name) for name in rows["method"].unique()]
+    methods = oracles_last(str(name) for name in rows["method"].unique())
     found = {name: np.sort(_values(rows, name, metric)) for name in methods}
     figure = new_figure(10.5, 1.8 + 0.75 * len(methods) if len(methods) > 4 else 4.4)
     boxes, shares = figure.subplots(1, 2, sharex=True, width_ratios=(1.15, 1.0))

@@ -11,12 +11,13 @@ import pandas as pd
 import pytest
 
 from navlearn.errors import ConfigError
+from navlearn.outages.canvas import GREYS, styles
 from navlearn.outages.meaning import meaning, oracle_shares, run_warnings
 from navlearn.outages.method_table import method_table
 from navlearn.outages.plots import plot_distribution
 from navlearn.outages.published import PublishedTable
 from navlearn.outages.report import report_text
-from navlearn.outages.roles import having, real_time
+from navlearn.outages.roles import ORACLES, having, real_time
 from navlearn.outages.run_summary import DriveSummary, MethodSummary, RunSummary
 from navlearn.outages.schedule import Outage, OutageProtocol, Placement
 from navlearn.outages.tables import summary_content, write_summary_json
@@ -207,6 +208,18 @@ def test_a_share_that_means_nothing_is_not_told(run: RunSummary) -> None:
     assert re.search(r"^\| augmented \|.*\| helps \| – \|$", section, re.MULTILINE)
 
 
-def test_figures_of_many_methods_tell_them_apart(run: RunSummary, tmp_path: Path) -> None:
+def test_figures_tell_many_methods_apart_and_draw_oracles_grey(
+    run: RunSummary, tmp_path: Path
+) -> None:
+    names = [*(f"method {k}" for k in range(16)), *ORACLES]
+    look = styles(names)
+    assert list(look) == names
+    assert len(set(look.values())) == len(names)
+    for name in ORACLES:
+        color, dash = look[name]
+        assert color in GREYS
+        assert dash != "-"
+    assert not {look[name][0] for name in names[:16]} & set(GREYS)
+    assert styles(["oracle", "ekf"])["ekf"] == styles(["ekf"])["ekf"]
     path = plot_distribution(tmp_path / "a.png", run.rows)
     assert path.stat().st_size > 5000
