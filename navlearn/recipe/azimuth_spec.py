@@ -10,11 +10,8 @@ if TYPE_CHECKING:
     from navlearn.error_models.fos_options import FosOptions
     from navlearn.error_models.pci_options import PciOptions
 
-PAPERS: dict[str, dict[str, Any]] = {
-    "pci": {"inputs": ("azimuth",), "window_s": 300.0, "lags": 10, "degree": 3},
-    "fos": {"inputs": (), "window_s": 60.0, "lags": 1, "degree": 2},
-}
-"""What [Iqbal2020] (pci) and [Shen2010] (fos) choose, where a spec chooses nothing."""
+IQBAL2020: dict[str, Any] = {"inputs": ("azimuth",), "window_s": 300.0, "lags": 10, "degree": 3}
+"""What takes the place of the defaults, which are those of [Shen2010], in a spec of PCI."""
 
 
 class AzimuthSpec(SpecBase):
@@ -36,8 +33,9 @@ class AzimuthSpec(SpecBase):
         lags: Inputs enter with lags 0 to this, in steps of the recipe's ``training.step_s``.
         degree: Degree of the polynomials.
         most: Most terms (``fos``) or cascades (``pci``).
-        acceptance: ``paper`` takes terms up to ``most``, and cascades one after the other by the
-            paper's test; ``default`` takes only what white noise does not reach.
+        acceptance: ``paper`` asks of a term or cascade that it takes 4 over the number of rows of
+            what is left, ``default`` that it takes more than the best of white noise would;
+            ``none`` (of ``fos`` only) takes terms up to ``most``, which [Shen2010] may be read as.
         gate_replays: Most recent emulated outages that the gate looks at.
         seed: Seed of what PCI draws.
     """
@@ -45,28 +43,30 @@ class AzimuthSpec(SpecBase):
     type: Literal["azimuth_window"] = "azimuth_window"
     structure: Literal["pci", "fos"]
     filter: Literal["recipe", "bias_free", "shen2010", "shen2010_full"] = "recipe"
-    inputs: tuple[str, ...]
+    inputs: tuple[str, ...] = ()
     target: Literal["angle", "rate"] = "angle"
-    window_s: Positive
+    window_s: Positive = 60.0
     course_speed: Positive = 5.0
-    lags: Annotated[int, Field(ge=0)]
-    degree: Count
+    lags: Annotated[int, Field(ge=0)] = 1
+    degree: Count = 2
     most: Count = 8
-    acceptance: Literal["paper", "default"] = "paper"
+    acceptance: Literal["paper", "default", "none"] = "paper"
     gate_replays: Count = 12
     seed: Seed = 0
 
     @model_validator(mode="before")
     @classmethod
     def _as_in_the_paper(cls, content: Any) -> Any:
-        if not isinstance(content, dict):
+        if not isinstance(content, dict) or content.get("structure") != "pci":
             return content
-        return {**PAPERS.get(str(content.get("structure")), {}), **content}
+        return {**IQBAL2020, **content}
 
     @model_validator(mode="after")
     def _options_go_together(self) -> "AzimuthSpec":
         if self.structure == "fos":
             self.fos_options()
+        elif self.acceptance == "none":
+            raise ValueError("acceptance 'none' belongs to fos; pci takes 'paper' or 'default'")
         else:
             self.pci_options(inputs=1)
         return self
@@ -75,14 +75,14 @@ class AzimuthSpec(SpecBase):
         """Return the options of the search."""
         from navlearn.error_models.fos_options import FosOptions
 
-        own = {} if self.acceptance == "default" else {"false_alarm": 1.0}
         return FosOptions(
             lags=self.lags,
             degree=self.degree,
             max_terms=self.most,
+            acceptance="default" if self.acceptance == "none" else self.acceptance,
+            false_alarm=1.0 if self.acceptance == "none" else FosOptions.false_alarm,
             safeguard=self.safeguard.bounds,
             output_limit=self.safeguard.output_limit,
-            **own,
         )
 
     def pci_options(self, *, inputs: int) -> "PciOptions":
@@ -93,18 +93,15 @@ class AzimuthSpec(SpecBase):
         """
         from navlearn.error_models.pci_options import PciOptions
 
-        paper = self.acceptance == "paper"
-        own: dict[str, Any] = {"batch": 1, "refit": False} if paper else {}
-        return PciOptions(
+        make = PciOptions.paper if self.acceptance == "paper" else PciOptions
+        return make(
             inputs=inputs,
             lags=self.lags,
             degree=self.degree,
             cascades=self.most,
-            acceptance=self.acceptance,
             safeguard=self.safeguard.bounds,
             output_limit=self.safeguard.output_limit,
             seed=self.seed,
-            **own,
         )
 
     def describe(self) -> str:

@@ -36,10 +36,10 @@ BUILT_IN: Final[dict[str, SpecBase]] = {
         PseudoOutageSpec(name="pseudo_outage"),
         PseudoOutageSpec(name="ekf+fos", structure="fos"),
         PseudoOutageSpec(name="ekf+pci", structure="pci"),
-        AzimuthSpec(name="iqbal2020", structure="pci", window_s=300.0, safeguard=_RAW),
-        AzimuthSpec(name="iqbal2020_safe", structure="pci", window_s=300.0),
-        AzimuthSpec(name="shen2010", structure="fos", window_s=60.0, safeguard=_RAW),
-        AzimuthSpec(name="shen2010_safe", structure="fos", window_s=60.0),
+        AzimuthSpec(name="iqbal2020", structure="pci", safeguard=_RAW),
+        AzimuthSpec(name="iqbal2020_safe", structure="pci"),
+        AzimuthSpec(name="shen2010", structure="fos", filter="shen2010", safeguard=_RAW),
+        AzimuthSpec(name="shen2010_safe", structure="fos"),
     )
 }
 """Models that a method's name alone calls for."""

@@ -1,0 +1,152 @@
+"""A feed-forward filter from a moment of a run on.
+
+The papers' filters let the mechanization run free and estimate its error beside it. Over a whole
+drive a low-cost gyro leaves the range in which that error is linear; so the free mechanization
+starts anew where a training window begins, from what the closed filter believes there.
+"""
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from navlearn.errors import FitError
+from navlearn.filters.belief import Belief, map_belief
+from navlearn.fusion.history import FilterHistory
+from navlearn.fusion.loosely_coupled import LooselyCoupledEkf
+from navlearn.navigator import NavigatorRun, belief_at
+from navlearn.states import FixTiming, GnssFix, NavState, RissSample, Trajectory
+
+
+class FeedForward(NamedTuple):
+    """A feed-forward filter's run with fixes up to a moment and none from there on.
+
+    Attributes:
+        samples: Its intervals, shape (T,) each.
+        fixes: Its fixes, shape (M,) each.
+        timing: Where they fall among its intervals, shape (M,) each.
+        history: What it believed.
+        begin: Which interval of the closed run its first one is.
+        gone: Which of its own intervals is the first without GNSS.
+    """
+
+    samples: RissSample
+    fixes: GnssFix
+    timing: FixTiming
+    history: FilterHistory
+    begin: int
+    gone: int
+
+
+def block_before(history: FilterHistory, sample: int) -> int:
+    """Return the last block that ends before a sample.
+
+    Args:
+        history: History of one drive.
+        sample: A sample.
+
+    Raises:
+        FitError: No block does.
+    """
+    found = torch.nonzero(history.end < sample)
+    if len(found) == 0:
+        raise FitError(
+            "the filter's past is shorter than the training window; start the outages later or "
+            "shorten window_s"
+        )
+    return int(found[-1])
+
+
+def run_feed_forward(
+    ekf: LooselyCoupledEkf,
+    closed: NavigatorRun,
+    fixes: GnssFix,
+    timing: FixTiming,
+    spans: list[tuple[int, int, int]],
+) -> list[FeedForward]:
+    """Run a feed-forward filter over spans of a drive, all at once.
+
+    Args:
+        ekf: The filter, of the same error state as that of the closed run.
+        closed: A run with feedback, which tells where to start.
+        fixes: Fixes of the drive, shape (M,) each.
+        timing: Where they fall among the intervals of the closed run, shape (M,) each.
+        spans: Per span where it begins, the first interval without GNSS, and the interval after
+            its last one, as numbers of the closed run's intervals.
+
+    Returns:
+        A run per span; each begins after the last block of the closed run before its begin.
+    """
+    starts, records = [], []
+    for begin, gone, stop in spans:
+        block = block_before(closed.history, begin)
+        first = int(closed.history.end[block]) + 1
+        starts.append(belief_at(closed.history, block))
+        within = (timing.index >= first) & (timing.index < gone)
+        records.append(
+            (
+                first,
+                gone - first,
+                RissSample(*(channel[first:stop] for channel in closed.samples)),
+                GnssFix(*(channel[within] for channel in fixes)),
+                FixTiming(timing.index[within] - first, timing.delay[within]),
+            )
+        )
+    length = max(len(record[2].dt) for record in records)
+    most = max(len(record[4].index) for record in records)
+    with torch.no_grad():
+        history = ekf(
+            _stacked(starts),
+            RissSample(*_padded([record[2] for record in records], length)),
+            GnssFix(*_padded([record[3] for record in records], most)),
+            FixTiming(
+                torch.stack([_filled(record[4].index, most, -1) for record in records]),
+                torch.stack([_filled(record[4].delay, most, 0.0) for record in records]),
+            ),
+            method="exact",
+        )
+    return [
+        FeedForward(samples, known, when, _one(history, b, len(samples.dt)), first, gone)
+        for b, (first, gone, samples, known, when) in enumerate(records)
+    ]
+
+
+def _stacked(beliefs: list[Belief]) -> Belief:
+    state = NavState(*(torch.stack(x) for x in zip(*(b.state for b in beliefs), strict=True)))
+    rest = (torch.stack(x) for x in zip(*(b[1:] for b in beliefs), strict=True))
+    return Belief(state, *rest)
+
+
+def _padded(rows: list[tuple[Tensor, ...]], length: int) -> list[Tensor]:
+    """Return channels of several records, padded with zeros: intervals that move nothing."""
+    return [
+        torch.stack([_filled(channel, length, 0.0) for channel in channels])
+        for channels in zip(*rows, strict=True)
+    ]
+
+
+def _filled(channel: Tensor, length: int, value: float) -> Tensor:
+    return torch.nn.functional.pad(channel, (0, length - len(channel)), value=value)
+
+
+def _one(history: FilterHistory, row: int, length: int) -> FilterHistory:
+    """Return one drive's history out of a batch, without the blocks that pad it."""
+    # Intervals that pad a record belong to its last block, or to blocks after it.
+    end = history.end[row].clamp(max=length - 1)
+    kept = torch.nn.functional.pad(end[1:] != end[:-1], (1, 0), value=True)
+
+    def pick(channel: Tensor) -> Tensor:
+        return channel[row][kept]
+
+    return history._replace(
+        end=end[kept],
+        fix=pick(history.fix),
+        prior=map_belief(history.prior, pick),
+        belief=map_belief(history.belief, pick),
+        trajectory=Trajectory(*(channel[row, :length] for channel in history.trajectory)),
+        innovation=pick(history.innovation),
+        nis=pick(history.nis),
+        verdict=pick(history.verdict),
+        resets=history.resets[row],
+        error=pick(history.error),
+    )
