@@ -8,6 +8,7 @@ import pandas as pd
 import torch
 
 from navlearn.experiment.drive import timeline_of
+from navlearn.experiment.filter_runs import MadeRun, made_run
 from navlearn.fusion.dead_reckoning import DeadReckoningOptions, dead_reckoning_start
 from navlearn.fusion.history import FilterHistory
 from navlearn.fusion.options import EkfOptions
@@ -49,9 +50,18 @@ def filter_options(recipe: Recipe, method: str = "ekf", log: DriveLog | None = N
 class FilterRuns:
     """Filter runs over known logs, made once and shared by the methods."""
 
-    def __init__(self, recipe: Recipe) -> None:
-        self.recipe = recipe
-        self._made: dict[tuple[str, str], tuple[RissTimeline, Navigator, NavigatorRun]] = {}
+    def __init__(self, recipe: Recipe, *, growing: bool = False) -> None:
+        """Make an empty store of runs.
+
+        Args:
+            recipe: The recipe.
+            growing: Whether a run goes on from that over the last log, as far as both logs are
+                the same. Faster by a factor of three; positions then differ in the seventh
+                digit of a metre, and depend that little on which logs came before.
+        """
+        self.recipe, self.growing = recipe, growing
+        self._made: dict[tuple[str, str], MadeRun] = {}
+        self._latest: dict[str, MadeRun] = {}
 
     def run(
         self, log: DriveLog, options: EkfOptions | None = None
@@ -66,10 +76,11 @@ class FilterRuns:
         # By what is in it: a log that lacks one more fix must not get the run of another.
         key = (repr(chosen), log_fingerprint(log))
         if key not in self._made:
-            timeline = timeline_of(log, self.recipe)
             navigator = Navigator(NavigatorOptions(filter=chosen))
-            run = navigator.run(timeline.samples, timeline.fixes, timeline.timing)
-            self._made[key] = (timeline, navigator, run)
+            timeline = timeline_of(log, self.recipe)
+            earlier = self._latest.get(key[0]) if self.growing else None
+            made = made_run(navigator, timeline, earlier)
+            self._made[key] = self._latest[key[0]] = made
         return self._made[key]
 
 

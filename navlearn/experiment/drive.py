@@ -6,6 +6,7 @@ method alike.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,8 +15,9 @@ from navlearn.errors import ConfigError
 from navlearn.logs.clock import without_latency
 from navlearn.logs.drive_log import DriveLog
 from navlearn.logs.quality import Estimate, gnss_latency, odometer_latency
-from navlearn.logs.reading import read_log
+from navlearn.logs.reading import read_log, read_sensor_truth
 from navlearn.logs.resample import ResampleOptions, RissTimeline, riss_timeline
+from navlearn.logs.sensor_truth import SensorTruth
 from navlearn.outages.placement import place_outages
 from navlearn.outages.schedule import Placement
 from navlearn.recipe import Recipe
@@ -52,11 +54,27 @@ def open_log(recipe: Recipe) -> DriveLog:
         LogNotFoundError: It does not exist.
         LogError: It cannot be used as it is.
     """
+    return read_log(_path_of(recipe), format=recipe.log.format)
+
+
+def sensor_truth_of(recipe: Recipe) -> SensorTruth | None:
+    """Return what a simulation knows of the gyro of a recipe's log; None where there was none.
+
+    Args:
+        recipe: The recipe.
+
+    Raises:
+        LogError: It is there and cannot be used.
+    """
+    return read_sensor_truth(_path_of(recipe))
+
+
+def _path_of(recipe: Recipe) -> Path:
     source = recipe.log
     path = source.descriptor if source.descriptor is not None else source.path
     if path is None:
         raise ConfigError(f"recipe {recipe.name}: log names neither a descriptor nor a path")
-    return read_log(path, format=source.format)
+    return path
 
 
 def prepare_drive(recipe: Recipe, *, until: float | None = None) -> Drive:
@@ -73,7 +91,20 @@ def prepare_drive(recipe: Recipe, *, until: float | None = None) -> Drive:
     Raises:
         LogError: The log cannot be used, or the outages do not fit into it.
     """
-    log = open_log(recipe)
+    return prepare_log(open_log(recipe), recipe, until=until)
+
+
+def prepare_log(log: DriveLog, recipe: Recipe, *, until: float | None = None) -> Drive:
+    """Place a recipe's outages on a log and set its clocks right.
+
+    Args:
+        log: The log, already read.
+        recipe: The recipe.
+        until: As in :func:`prepare_drive`.
+
+    Raises:
+        LogError: The outages do not fit into it.
+    """
     placement = place_outages(recipe.outages.protocol(), log)
     first = min((outage.start for outage in placement.outages), default=np.inf)
     log, notes = set_clocks(log, recipe, first if until is None else until)

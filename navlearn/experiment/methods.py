@@ -13,14 +13,14 @@ from navlearn.experiment.anarx_method import AnarxMethod
 from navlearn.experiment.azimuth_method import AzimuthMethod
 from navlearn.experiment.baselines import DeadReckoning, FilterMethod, FilterRuns
 from navlearn.experiment.learned import Learned
-from navlearn.experiment.rts_method import SmoothedFilter
-from navlearn.logs.sensor_truth import SensorTruth
+from navlearn.experiment.oracles import GyroOracle, PerfectAzimuth, Truth
 from navlearn.experiment.pseudo_outage_method import PseudoOutageMethod
+from navlearn.experiment.rts_method import SmoothedFilter
 from navlearn.outages.replay import Method
 from navlearn.recipe import Recipe
 from navlearn.recipe.anarx_spec import AnarxSpec
-from navlearn.recipe.pseudo_outage_spec import PseudoOutageSpec
 from navlearn.recipe.azimuth_spec import AzimuthSpec
+from navlearn.recipe.pseudo_outage_spec import PseudoOutageSpec
 from navlearn.recipe.spec_base import SpecBase
 
 Keep = Callable[[str, Learned], None]
@@ -34,13 +34,13 @@ class MethodContext:
         recipe: The recipe.
         runs: Filter runs, shared by all methods.
         keep: Called with the name of each model and every fit of it that can be stored.
-        truth: What only a simulation knows of its gyro; for oracles alone.
+        truth: What no method can know; for oracles alone.
     """
 
     recipe: Recipe
     runs: FilterRuns
     keep: Keep | None = None
-    truth: SensorTruth | None = None
+    truth: Truth | None = None
 
 
 FIXED: Final[dict[str, Callable[[MethodContext], Method]]] = {
@@ -48,6 +48,9 @@ FIXED: Final[dict[str, Callable[[MethodContext], Method]]] = {
     "ekf_plain": lambda context: FilterMethod(context.runs, "ekf_plain"),
     "ekf": lambda context: FilterMethod(context.runs, "ekf"),
     "rts": lambda context: SmoothedFilter(context.runs),
+    "oracle": lambda context: GyroOracle(context.runs, context.truth, noise_free=False),
+    "noise_free_gyro": lambda context: GyroOracle(context.runs, context.truth, noise_free=True),
+    "perfect_azimuth": lambda context: PerfectAzimuth(context.runs, context.truth),
 }
 """Builders of the methods that need no spec."""
 
@@ -60,16 +63,21 @@ LEARNED: Final[dict[type[SpecBase], Callable[[MethodContext, Any], Method]]] = {
 
 
 def build_methods(
-    recipe: Recipe, keep: Keep | None = None, truth: SensorTruth | None = None
+    recipe: Recipe,
+    keep: Keep | None = None,
+    truth: Truth | None = None,
+    runs: FilterRuns | None = None,
 ) -> dict[str, Method]:
     """Return the methods that a recipe compares, in its order.
 
     Args:
         recipe: The recipe.
         keep: Called with the name of each model and every fit of it that can be stored.
-        truth: What only a simulation knows of its gyro; for oracles alone.
+        truth: What no method can know; for oracles alone.
+        runs: Filter runs to share; None makes them anew.
     """
-    context = MethodContext(recipe=recipe, runs=FilterRuns(recipe), keep=keep, truth=truth)
+    shared = FilterRuns(recipe) if runs is None else runs
+    context = MethodContext(recipe=recipe, runs=shared, keep=keep, truth=truth)
     return {name: _built(name, context) for name in recipe.methods}
 
 

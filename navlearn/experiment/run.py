@@ -15,9 +15,10 @@ import yaml
 from navlearn.error_models.storage import save_error_model
 from navlearn.errors import ConfigError, LogNotFoundError
 from navlearn.experiment.baselines import PLAIN, filter_options
-from navlearn.experiment.drive import Drive, prepare_drive
+from navlearn.experiment.drive import prepare_drive, sensor_truth_of
 from navlearn.experiment.learned import Learned
 from navlearn.experiment.methods import build_methods
+from navlearn.experiment.oracles import GYRO_ORACLES, Truth, truth_for
 from navlearn.experiment.summary import run_summary
 from navlearn.export.example import save_example
 from navlearn.outages.maps import Scene
@@ -86,18 +87,19 @@ def run_recipe(
     """
     check_recipe(recipe)
     drive = prepare_drive(recipe)
+    truth = truth_for(recipe, drive.log, sensor_truth_of(recipe))
     output = prepare_output_folder(Path(out), force)
     resolved = recipe.resolved()
     text = yaml.safe_dump(resolved, sort_keys=False, allow_unicode=True)
     output.claim("recipe.yaml").write_text(text, encoding="utf-8")
     torch.manual_seed(recipe.seed)
-    methods = build_methods(recipe, partial(save_learned, output))
+    methods = build_methods(recipe, partial(save_learned, output), truth)
     found = replay(
         drive.log,
         drive.placement.outages,
         methods,
         store=output.claim("solutions/"),
-        settings=_settings(recipe, drive),
+        settings=method_settings(recipe, drive.notes, truth),
         progress=progress,
     )
     summary = run_summary(recipe, drive, found, resolved["versions"], output.path)
@@ -107,18 +109,28 @@ def run_recipe(
     return RunResult(folder=output.path, table=summary.rows, summary=summary_content(summary))
 
 
-def _settings(recipe: Recipe, drive: Drive) -> dict[str, object]:
-    """Return per method all that its solutions depend on beside log and outage."""
+def method_settings(
+    recipe: Recipe, notes: tuple[str, ...], truth: Truth | None
+) -> dict[str, object]:
+    """Return per method all that its solutions depend on beside log and outage.
+
+    Args:
+        recipe: The recipe.
+        notes: What was done to the drive's clocks.
+        truth: What oracles are handed.
+    """
     shared = {
         "mechanization": recipe.mechanization.model_dump(mode="json"),
         "filter": json.loads(json.dumps(recipe.filter, default=str)),
-        "clocks": list(drive.notes),
+        "clocks": list(notes),
         "seed": recipe.seed,
     }
     settings: dict[str, object] = {}
     for name in recipe.methods:
         if name in FIXED_METHODS:
             settings[name] = {**shared, "model": PLAIN.get(name, name)}
+            if name in GYRO_ORACLES and truth is not None and truth.gyro is not None:
+                settings[name] = {**shared, "model": name, "gyro": truth.gyro.fingerprint()}
         else:
             spec = recipe.model(name)
             settings[name] = {

@@ -40,12 +40,14 @@ def interval_means(
 
 
 def typical_period(t: FloatArray) -> float:
-    """Return the median spacing of samples, s; zero for fewer than two.
+    """Return the median spacing of samples to the nanosecond, s; zero for fewer than two.
+
+    Rounded, because what rounding left of even stamps must not move a grid when a drive grows.
 
     Args:
         t: Times, s, shape (K,).
     """
-    return float(np.median(np.diff(t))) if t.size > 1 else 0.0
+    return round(float(np.median(np.diff(t))), 9) if t.size > 1 else 0.0
 
 
 def longest_gap(t: FloatArray, start: float, stop: float) -> tuple[float, float]:

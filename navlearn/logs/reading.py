@@ -19,6 +19,7 @@ from navlearn.logs.formats.finding import listing
 from navlearn.logs.formats.native import HEADER, load_log
 from navlearn.logs.formats.navinst import read_navinst
 from navlearn.logs.nearest import nearest_hint
+from navlearn.logs.sensor_truth import SENSOR_TRUTH, SensorTruth, load_sensor_truth
 
 _READERS: Final[dict[str, Callable[[Path, Descriptor], Published]]] = {
     "navinst": read_navinst,
@@ -56,6 +57,26 @@ def read_log(path: Path | str, *, format: str | None = None) -> DriveLog:
         return _read(path, descriptor)
     name = recognise_format(path) if format is None else _known_format(format)
     return _read(path, _plain(path, name))
+
+
+def read_sensor_truth(path: Path | str) -> SensorTruth | None:
+    """Return what a simulation knows of the gyro of a log, or None where there was none.
+
+    Args:
+        path: Folder or file of the log, or a descriptor (``.yaml``).
+
+    Raises:
+        LogError: It is there and cannot be used.
+    """
+    path = Path(path)
+    if path.suffix.lower() in _DESCRIPTOR_ENDINGS and path.is_file():
+        descriptor, path = load_descriptor(path)
+        if descriptor.format != "native":
+            return None
+    folder = _native_folder(path.parent if path.is_file() else path)
+    if folder is None or not (folder / SENSOR_TRUTH).is_file():
+        return None
+    return load_sensor_truth(folder)
 
 
 def recognise_format(path: Path) -> str:
