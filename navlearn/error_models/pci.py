@@ -84,8 +84,8 @@ class PciModel(nn.Module):
     def prediction_variance(self, steps: int) -> Tensor:  # noqa: ARG002
         """Return the variance of an output, the same at every step, shape (1,).
 
-        It is the training residual's, divided by the rows left after all polynomials were
-        fitted; infinite while nothing was fitted.
+        It is the training residual's, divided by the rows left after what was fitted together;
+        infinite while nothing was fitted.
         """
         return self.variance
 

@@ -25,6 +25,7 @@ from navlearn.error_models.pci_candidates import (
     linear_responses,
 )
 from navlearn.error_models.pci_options import PciOptions
+from navlearn.error_models.pci_polish import polish
 
 DEPENDENT = 1e-10
 """What a column of unit norm has left outside the others when it is taken for one of them."""
@@ -56,6 +57,7 @@ class Built:
         tried: Candidates tried.
         missed: Batches in a row of which none passed.
         stopped: Why it ended; empty while it goes on.
+        polished: Responses after the last polishing, shape (K, L); None without.
     """
 
     accepted: list[Cascades] = field(default_factory=list)
@@ -63,6 +65,7 @@ class Built:
     tried: int = 0
     missed: int = 0
     stopped: str = ""
+    polished: Tensor | None = None
 
 
 @dataclass(kw_only=True)
@@ -75,6 +78,7 @@ class _Live:
         residual: What is left to explain, times the root of the weights, shape (B, N).
         spanned: Orthonormal columns of all polynomials so far, or zeros, shape (B, N, r).
         correlations: Autocorrelations of their inputs, shape (B, J, m).
+        response: Responses of all cascades so far, zeros for none, shape (B, K, L).
     """
 
     windows: Tensor
@@ -82,6 +86,7 @@ class _Live:
     residual: Tensor
     spanned: Tensor
     correlations: Tensor
+    response: Tensor
 
 
 def build_cascades(rows: Rows, options: PciOptions) -> list[tuple[Cascades, Built]]:
@@ -100,6 +105,7 @@ def build_cascades(rows: Rows, options: PciOptions) -> list[tuple[Cascades, Buil
         residual=rows.target,
         spanned=rows.root.unsqueeze(-1),
         correlations=autocorrelations(rows.lagged[..., : options.inputs], rows.root),
+        response=rows.lagged[:, :0],
     )
     tried = 0
     while True:
@@ -121,6 +127,9 @@ def build_cascades(rows: Rows, options: PciOptions) -> list[tuple[Cascades, Buil
             if bool(passed[k]):
                 model.accepted.append(Cascades(*(value[k] for value in best)))
                 model.curve.append(left[k])
+                if options.polish:
+                    found = live.response[k]
+                    model.polished = found[(found != 0.0).any(-1)]
 
 
 def _goes_on(model: Built, options: PciOptions) -> bool:
@@ -144,6 +153,7 @@ def _kept(live: _Live, keep: Tensor) -> _Live:
         residual=live.residual[keep],
         spanned=live.spanned[keep],
         correlations=live.correlations[keep],
+        response=live.response[keep],
     )
 
 
@@ -164,18 +174,23 @@ def _best(live: _Live, draw: Draw, start: Tensor, options: PciOptions) -> tuple[
     place = torch.where(passes, explained, -1.0).argmax(-1)
     each = torch.arange(len(place))
     best = Cascades(*(value[each, place].unsqueeze(1) for value in fitted))
-    u = (lagged @ best.response.mT).squeeze(-1)
-    low = torch.where(root > 0, u, torch.inf).amin(-1, keepdim=True)
-    high = torch.where(root > 0, u, -torch.inf).amax(-1, keepdim=True)
-    return best._replace(low=low, high=high), passes.any(-1)
+    return _ranged(best, live.rows), passes.any(-1)
 
 
 def _add(live: _Live, best: Cascades, passed: Tensor, options: PciOptions) -> None:
     """Take what the new cascades explain out of the residuals.
 
     With a common refit that is what all polynomials explain together: their columns are kept
-    orthonormal, so that only the new ones are looked at.
+    orthonormal, so that only the new ones are looked at. Polishing moves all of them.
     """
+    if options.polish:
+        fresh = best.response * passed[:, None, None]
+        lagged, target, root, _ = live.rows
+        response = torch.cat((live.response, fresh), 1)
+        live.response, live.residual = polish(
+            lagged, target, root, response, options.degree, options.polish
+        )
+        return
     u = live.rows.lagged @ best.response.mT
     values = basis(u, best.shift.unsqueeze(1), best.norm.unsqueeze(1)).squeeze(-2)
     values = values * (live.rows.root * passed.unsqueeze(-1)).unsqueeze(-1)
@@ -207,8 +222,23 @@ def _joined(built: Built, window: int, rows: Rows, options: PciOptions) -> Casca
         shape = none.reshape(0, options.degree)
         wide = none.reshape(0, options.degree + 1)
         return Cascades(none.reshape(0, depth), shape, shape, wide, none, none)
-    model = Cascades(*(torch.cat(parts) for parts in zip(*built.accepted, strict=True)))
+    if built.polished is not None:
+        one = Rows(*(value[window : window + 1] for value in rows))
+        model, _ = fit_cascades(
+            one.lagged, one.target, one.root, built.polished[None], options.degree
+        )
+        model = Cascades(*(value[0] for value in _ranged(model, one)))
+    else:
+        model = Cascades(*(torch.cat(parts) for parts in zip(*built.accepted, strict=True)))
     return model._replace(weight=_refit(model, window, rows)) if options.refit else model
+
+
+def _ranged(cascades: Cascades, rows: Rows) -> Cascades:
+    """Return cascades, axes (B, K, ...), with the ranges of their linear outputs."""
+    u = rows.lagged @ cascades.response.mT
+    inside = (rows.root > 0).unsqueeze(-1)
+    low = torch.where(inside, u, torch.inf).amin(1)
+    return cascades._replace(low=low, high=torch.where(inside, u, -torch.inf).amax(1))
 
 
 def _refit(model: Cascades, window: int, rows: Rows) -> Tensor:

@@ -178,7 +178,10 @@ def _fitted(
     model.set_scaling(*scaling)
     model.set_cascades(cascades)
     found, count = len(built.accepted), float(rows.rows[window])
-    left = max(count - found * (options.degree + 1), 1.0)
+    fitted = found * (options.degree + 1)
+    if options.polish:
+        fitted += int((model.response != 0.0).sum()) - found
+    left = max(count - fitted, 1.0)
     model.variance = built.curve[-1] * count / left * scaling[1].scale ** 2
     model.eval()
     source = source or TrainingSource()

@@ -26,6 +26,8 @@ class PciOptions:
         acceptance: ``default`` (error rate held over the batch) or ``paper`` (4 / rows).
         level: Chance that ``default`` accepts any of a batch on white noise.
         refit: Fits all polynomials together after every new cascade; the paper does not.
+        polish: Most steps that move all responses together after every new cascade; the paper has
+            none.
         safeguard: Clamps inputs and linear outputs to their training range, limits the output.
         output_limit: Limit of the output about its training mean, in training standard
             deviations.
@@ -44,6 +46,7 @@ class PciOptions:
     acceptance: str = "default"
     level: float = 0.02
     refit: bool = True
+    polish: int = 10
     safeguard: bool = True
     output_limit: float = 5.0
     seed: int = 0
@@ -65,6 +68,7 @@ class PciOptions:
             "misses": 20,
             "acceptance": "paper",
             "refit": False,
+            "polish": 0,
             "safeguard": False,
         }
         return cls(**{**theirs, **changed})
@@ -73,8 +77,11 @@ class PciOptions:
         for name in ("inputs", "degree", "batch", "cascades", "tried", "misses"):
             if getattr(self, name) < 1:
                 raise ConfigError(f"pci: {name} is {getattr(self, name)}; it must be at least 1")
-        if self.lags < 0:
-            raise ConfigError(f"pci: lags is {self.lags}; it must not be negative")
+        for name in ("lags", "polish"):
+            if getattr(self, name) < 0:
+                raise ConfigError(f"pci: {name} is {getattr(self, name)}; it must not be negative")
+        if self.polish and not self.refit:
+            raise ConfigError("pci: polish moves all cascades together, which needs refit=True")
         if self.order not in (1, 2, 3):
             raise ConfigError(f"pci: order is {self.order}; choose 1, 2 or 3")
         if self.acceptance not in ("default", "paper"):

@@ -22,6 +22,7 @@ from navlearn.error_models.pci_candidates import (
     linear_responses,
 )
 from navlearn.error_models.pci_fit import fit_pci, fit_pci_windows
+from navlearn.error_models.pci_polish import polish
 from navlearn.error_models.volterra import volterra_kernels
 from navlearn.errors import ConfigError, FitError, ShapeError
 
@@ -135,11 +136,13 @@ def test_draws_reach_every_order_and_lag_and_repeat_with_the_seed():
     assert {int(draw.reads.sum()) for draw in single} == {5, 10}
 
 
-@pytest.mark.parametrize("refit", [True, False])
-def test_recovers_two_cascades_and_their_kernels(refit):
+@pytest.mark.parametrize(("refit", "polish"), [(True, 10), (True, 0), (False, 0)])
+def test_recovers_two_cascades_and_their_kernels(refit, polish):
     x, y = single()
-    options = PciOptions(lags=3, refit=refit, cascades=60, safeguard=False)
-    model = fit_pci(x[:1000], y[:1000], options).model
+    options = PciOptions(lags=3, refit=refit, polish=polish, cascades=60, safeguard=False)
+    fitted = fit_pci(x[:1000], y[:1000], options)
+    model = fitted.model
+    assert fitted.cascades == 2 or not polish
     held_out = ((model(x)[1000:, 0] - y[1000:]) ** 2).mean() / y.var()
     assert float(held_out) < (1e-20 if refit else 1e-5)
     tolerance = 1e-9 if refit else 5e-3
@@ -380,10 +383,10 @@ def test_the_same_seed_gives_the_same_model_whatever_the_global_one():
     x, y = single(500)
     y = y + noise(500)
     torch.manual_seed(1)
-    first = fit_pci(x, y, PciOptions(lags=3, seed=4, refit=False)).model.state_dict()
+    first = fit_pci(x, y, PciOptions(lags=3, seed=4, refit=False, polish=0)).model.state_dict()
     torch.manual_seed(2)
-    again = fit_pci(x, y, PciOptions(lags=3, seed=4, refit=False)).model.state_dict()
-    other = fit_pci(x, y, PciOptions(lags=3, seed=5, refit=False)).model.state_dict()
+    again = fit_pci(x, y, PciOptions(lags=3, seed=4, refit=False, polish=0)).model.state_dict()
+    other = fit_pci(x, y, PciOptions(lags=3, seed=5, refit=False, polish=0)).model.state_dict()
     assert all(torch.equal(first[name], again[name]) for name in first)
     assert not torch.equal(first["weight"], other["weight"])
 
@@ -413,7 +416,12 @@ def test_doubling_all_weights_changes_nothing():
 
 @pytest.mark.parametrize(
     "options",
-    [{"cascades": 5}, {"cascades": 5, "refit": False}, {"acceptance": "paper", "target": 0.5}],
+    [
+        {"cascades": 5},
+        {"cascades": 5, "polish": 0},
+        {"cascades": 5, "polish": 0, "refit": False},
+        {"acceptance": "paper", "target": 0.5},
+    ],
 )
 def test_windows_at_once_equal_one_by_one(options):
     options = PciOptions(inputs=2, lags=2, **options)
@@ -430,10 +438,66 @@ def test_windows_at_once_equal_one_by_one(options):
         assert (fitted.tried, fitted.cascades) == (alone.tried, alone.cascades)
         assert fitted.record.samples == alone.record.samples
         assert fitted.record.stopped == alone.record.stopped
-        assert list(fitted.curves.train) == pytest.approx(list(alone.curves.train), rel=1e-9)
-        torch.testing.assert_close(fitted.model(x[k]), alone.model(x[k]), rtol=1e-8, atol=1e-8)
+        assert list(fitted.curves.train) == pytest.approx(list(alone.curves.train), rel=1e-7)
+        # Polishing walks along valleys that are nearly flat, which enlarges rounding.
+        near = 1e-5 if options.polish else 1e-8
+        torch.testing.assert_close(fitted.model(x[k]), alone.model(x[k]), rtol=near, atol=near)
         variance = fitted.model.prediction_variance(1)
-        torch.testing.assert_close(variance, alone.model.prediction_variance(1))
+        torch.testing.assert_close(variance, alone.model.prediction_variance(1), rtol=1e-6, atol=0)
+
+
+def test_a_polishing_step_is_that_of_the_explicit_gauss_newton():
+    """With all polynomials fitted again, as the derivative of the residual by the responses."""
+    lagged, root = noise(1, 80, 4), torch.full((1, 80), 1.0 / 80, dtype=torch.float64).sqrt()
+    u = lagged[0] @ torch.tensor([1.0, 0.5, 0.2, 0.0]).double()
+    target = root * (u + 0.5 * u**2 + 0.01 * noise(80, seed=1))
+
+    def left(flat):
+        values = lagged[0] @ flat.reshape(1, 4).T
+        columns = root.mT * torch.cat((values**0, values, values**2), 1)
+        return target[0] - columns @ torch.linalg.lstsq(columns, target.mT).solution[:, 0]
+
+    start = torch.tensor([[[1.0, 0.45, 0.25, 0.02]]]).double()
+    for _ in range(12):
+        jacobian = torch.autograd.functional.jacobian(left, start.reshape(-1))
+        step = torch.linalg.lstsq(jacobian, -left(start.reshape(-1)).unsqueeze(-1), driver="gelsd")
+        start = start + step.solution.reshape(1, 1, 4)
+    begin = torch.tensor([[[1.0, 0.45, 0.25, 0.02]]]).double()
+    response, residual = polish(lagged, target, root, begin, 2, 200)
+    cosine = torch.cosine_similarity(response.reshape(-1), start.reshape(-1), dim=0)
+    assert abs(float(cosine)) == pytest.approx(1.0, abs=1e-6)
+    found, known = float(residual.square().sum()), float(left(start.reshape(-1)).square().sum())
+    assert found == pytest.approx(known, rel=1e-3)
+
+
+def test_polishing_keeps_taps_of_zero_and_rows_without_cascade():
+    x, y, _ = double(400)
+    lagged = x.unfold(0, 3, 1).flip(-1).transpose(-1, -2).reshape(1, -1, 6)
+    root = torch.full((1, 398), 1.0 / 398, dtype=torch.float64).sqrt()
+    target = root * ((y - y.mean()) / y.std())[2:]
+    response = noise(1, 3, 6, seed=3)
+    response[0, 0, ::2], response[0, 2] = 0.0, 0.0
+    before, _ = polish(lagged, target, root, response, 3, 0)
+    after, residual = polish(lagged, target, root, response, 3, 10)
+    _, start = polish(lagged, target, root, response, 3, 0)
+    assert torch.equal(after == 0.0, response == 0.0)
+    assert float(residual.square().sum()) < 0.9 * float(start.square().sum())
+    power = ((lagged @ after.mT)[..., :2] * root.unsqueeze(-1)).square().sum(1)
+    torch.testing.assert_close(power, torch.ones_like(power))
+    torch.testing.assert_close(before[0, 1] / before[0, 1, 0], response[0, 1] / response[0, 1, 0])
+
+
+def test_polishing_finds_a_system_that_noise_hides_from_correlations():
+    counts, held = [], []
+    for polished in (0, 10):
+        x, y, _ = double(2600)
+        noisy = y + 0.2 * y.std() * noise(2600, seed=5)
+        fitted = fit_pci(x[:600], noisy[:600], PciOptions(inputs=2, lags=3, polish=polished))
+        error = (fitted.model(x)[600:, 0] - y[600:]).square().mean() / y.var()
+        counts.append(fitted.cascades)
+        held.append(float(error))
+    assert counts[1] == 2 <= counts[0]
+    assert held[1] < 0.25 * held[0]
 
 
 def test_windows_are_asked_for_as_windows():
@@ -484,6 +548,8 @@ def test_bad_data_are_refused_by_name():
         {"level": 1.0},
         {"target": -1.0},
         {"misses": 0},
+        {"polish": -1},
+        {"polish": 3, "refit": False},
         {"output_limit": 0.0},
     ],
 )

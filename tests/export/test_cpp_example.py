@@ -32,11 +32,14 @@ def test_cpp_program_gives_the_numbers_of_python(
     configure = ["cmake", "-S", str(EXAMPLES), "-B", str(build), "-DCMAKE_BUILD_TYPE=Release"]
     subprocess.run([*configure, prefix], check=True, capture_output=True, text=True)
     subprocess.run(["cmake", "--build", str(build)], check=True, capture_output=True, text=True)
-    fitted, u = make_fitted(), make_inputs(40, seed=8)
-    report = export_predictor(fitted, tmp_path / "p.pt", check_inputs=make_inputs())
+    u = make_inputs(40, seed=8)
     rows = "\n".join(",".join(f"{value:.17g}" for value in row) for row in u.tolist())
-    program = [str(build / "predict"), str(report.path)]
-    done = subprocess.run(program, input=rows, check=True, capture_output=True, text=True)
-    found = np.loadtxt(done.stdout.splitlines(), delimiter=",")
-    np.testing.assert_allclose(found, fitted.model(u).detach().numpy(), rtol=0.0, atol=1e-12)
-    assert json.loads(done.stderr)["kind"] == "anarx"
+    for kind in ("anarx", "fos", "pci"):
+        fitted = make_fitted(kind=kind)
+        report = export_predictor(fitted, tmp_path / f"{kind}.pt", check_inputs=make_inputs())
+        program = [str(build / "predict"), str(report.path)]
+        done = subprocess.run(program, input=rows, check=True, capture_output=True, text=True)
+        found = np.loadtxt(done.stdout.splitlines(), delimiter=",", ndmin=2)
+        expected = fitted.model(u).detach().numpy()
+        np.testing.assert_allclose(found.reshape(expected.shape), expected, rtol=0.0, atol=1e-12)
+        assert json.loads(done.stderr)["kind"] == kind
