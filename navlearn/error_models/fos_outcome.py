@@ -129,16 +129,16 @@ def _free_run_variance(model: FosModel, u: Tensor, y: Tensor, weight: Tensor) ->
     """Return the mean squared error of free runs over the record, by step, shape (H, 1)."""
     past, steps = model.memory, u.shape[-2]
     length = max(1, min(LONGEST_RUN, (steps - past) // 2))
-    total, count = torch.zeros(length).double(), torch.zeros(length).double()
-    for k in range(past, steps - length + 1, length):
-        state = model.warm_state(u[..., k - past : k, :], y[..., k - past : k, :])
-        stop = k + length
-        error = (model.run(u[..., k:stop, :], state) - y[..., k:stop, :])[..., 0].square()
-        share = torch.where(torch.isfinite(error), weight[..., k:stop], 0.0)
-        error = torch.where(share > 0, error, 0.0)
-        total += (share * error).reshape(-1, length).sum(0)
-        count += share.reshape(-1, length).sum(0)
-    return torch.where(count > 0, total / count, torch.inf).unsqueeze(1)
+    starts = range(past, steps - length + 1, length)
+    cut_u, cut_y = (torch.stack([v[..., k - past : k + length, :] for k in starts]) for v in (u, y))
+    share = torch.stack([weight[..., k : k + length] for k in starts])
+    state = model.warm_state(cut_u[..., :past, :], cut_y[..., :past, :])
+    runs = model.run(cut_u[..., past:, :], state)
+    error = (runs - cut_y[..., past:, :])[..., 0].square()
+    share = torch.where(torch.isfinite(error), share, 0.0)
+    error = torch.where(share > 0, share * error, 0.0).reshape(-1, length).sum(0)
+    count = share.reshape(-1, length).sum(0)
+    return torch.where(count > 0, error / count, torch.inf).unsqueeze(1)
 
 
 def _record(found: Outcome, rows: int, source: TrainingSource, loss: float) -> TrainingRecord:
