@@ -1,7 +1,7 @@
 """Tables and figures in Markdown."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 
 def markdown_table(header: Sequence[str], lines: Sequence[Sequence[str]], *, texts: int = 1) -> str:
@@ -37,3 +37,13 @@ def signed(value: float) -> str:
         return "–"
     text = f"{value:+.1f}".replace("-", "−")
     return "0.0" if text[1:] == "0.0" else text
+
+
+def one_line(title: str, entries: Mapping[str, object]) -> str:
+    """Return names and values in one line behind a title.
+
+    Args:
+        title: What they are.
+        entries: Values by name.
+    """
+    return f"**{title}.** {', '.join(f'{key} {value}' for key, value in entries.items())}.\n"

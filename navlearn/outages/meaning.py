@@ -15,7 +15,7 @@ Found = dict[str, dict[str, Comparison]]
 
 
 def meaning(summary: RunSummary) -> list[str]:
-    """Return the paragraphs of "What this means": learned methods first.
+    """Return the paragraphs of "What this means": warnings, then learned methods first.
 
     Args:
         summary: The run.
@@ -40,6 +40,7 @@ def meaning(summary: RunSummary) -> list[str]:
         lines.append("No baseline was run, so nothing can be said about improvement.")
     else:
         lines += _bounds(summary, baselines[0], found[baselines[0]])
+    lines = [*run_warnings(summary), *lines]
     return [*lines, *_failures(summary), *_judge(summary), _scope(summary)]
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from navlearn.outages.markdown import markdown_table, number
+from navlearn.outages.markdown import markdown_table, number, one_line
 from navlearn.outages.meaning import meaning, run_warnings
 from navlearn.outages.published import published_section
 from navlearn.outages.report_methods import in_order, methods_section
@@ -37,13 +37,12 @@ def report_text(summary: RunSummary) -> str:
     Args:
         summary: The run.
     """
-    warned = run_warnings(summary)
     sections = [
         f"# {summary.title}\n",
-        *(f"> {remark}\n" for remark in (*warned, *summary.remarks)),
+        *(f"> {remark}\n" for remark in (*run_warnings(summary), *summary.remarks)),
         f"**Question.** {summary.question}\n",
         "## What this means\n",
-        *(f"- {line}" for line in (*warned, *meaning(summary))),
+        *(f"- {line}" for line in meaning(summary)),
         "\n## Methods side by side\n",
         *methods_section(summary),
         *published_section(summary.published),
@@ -57,8 +56,8 @@ def report_text(summary: RunSummary) -> str:
         *_outage_section(summary),
         "\n## Run it again\n",
         f"```\n{summary.command}\n```\n",
-        _one_line("Versions", summary.versions),
-        _one_line("Seeds", {**summary.seeds, "bootstrap": summary.bootstrap_seed}),
+        one_line("Versions", summary.versions),
+        one_line("Seeds", {**summary.seeds, "bootstrap": summary.bootstrap_seed}),
     ]
     return "\n".join(sections) + "\n"
 
@@ -165,8 +164,3 @@ def _best_in_bold(values: Mapping[str, float], competing: Sequence[str]) -> list
         f"**{number(value)}**" if name in competing and value == best else number(value)
         for name, value in values.items()
     ]
-
-
-def _one_line(title: str, entries: object) -> str:
-    pairs = ", ".join(f"{key} {value}" for key, value in dict(entries).items())  # type: ignore[call-overload]
-    return f"**{title}.** {pairs}.\n"

@@ -8,7 +8,7 @@ from navlearn.outages.meaning import oracle_shares
 from navlearn.outages.naming import axis_label
 from navlearn.outages.oracle_share import OracleShare
 from navlearn.outages.roles import Role, having, roles, verdict_words
-from navlearn.outages.run_summary import RunSummary, comparisons
+from navlearn.outages.run_summary import MethodSummary, RunSummary, comparisons
 from navlearn.outages.statistics import MARGIN_PERCENT, Comparison, averages
 from navlearn.outages.wording import never_differs, percent
 
@@ -55,11 +55,8 @@ def methods_section(summary: RunSummary) -> list[str]:
         f"By `{summary.metric}`: {axis_label(summary.metric)} of each outage, then the mean, "
         "median and 90th percentile over the outages.\n",
         *_by_group(summary, list(summary.methods), _averages_table),
+        *described(summary.methods),
     ]
-    out += [f"- **{name}**: {about.description}" for name, about in summary.methods.items()]
-    out += [f"- {name}: {note}" for name, about in summary.methods.items() for note in about.notes]
-    used = dict.fromkeys(about.regime for about in summary.methods.values())
-    out += [f"- Training `{regime}`: {REGIMES[regime]}." for regime in used if regime in REGIMES]
     shares = oracle_shares(summary)
     for k, baseline in enumerate(summary.baselines):
         found = comparisons(summary, baseline)
@@ -69,6 +66,19 @@ def methods_section(summary: RunSummary) -> list[str]:
     out += safeguard_section(summary.rows, list(summary.methods))
     out += ["\n### Other figures (median over outages)\n", _other_figures(summary)]
     return out
+
+
+def described(methods: Mapping[str, MethodSummary]) -> list[str]:
+    """Return what the methods are, their notes, and what their training means, as a list.
+
+    Args:
+        methods: The methods.
+    """
+    out = [f"- **{name}**: {about.description}" for name, about in methods.items()]
+    out += [f"- {name}: {note}" for name, about in methods.items() for note in about.notes]
+    used = dict.fromkeys(about.regime for about in methods.values())
+    known = [regime for regime in used if regime in REGIMES]
+    return out + [f"- Training `{regime}`: {REGIMES[regime]}." for regime in known]
 
 
 def in_order(summary: RunSummary) -> list[str]:

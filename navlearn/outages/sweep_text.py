@@ -1,13 +1,12 @@
 """The report of a sweep as Markdown: what it means, then the figures behind it."""
 
-from collections.abc import Mapping
-
 import pandas as pd
 
 from navlearn.outages.acting import safeguard_section
+from navlearn.outages.markdown import one_line
 from navlearn.outages.naming import counted
 from navlearn.outages.published import published_section
-from navlearn.outages.report_methods import REGIMES
+from navlearn.outages.report_methods import described
 from navlearn.outages.statistics import FEWEST_UNITS, MARGIN_PERCENT
 from navlearn.outages.sweep_summary import SweepCell, SweepSummary
 from navlearn.outages.sweep_tables import KEYS, cell_markdown, overview_markdown
@@ -24,13 +23,12 @@ def sweep_text(summary: SweepSummary, table: pd.DataFrame) -> str:
         summary: The sweep.
         table: Its table.
     """
-    warned = sweep_warnings(summary)
     sections = [
         f"# {summary.title}\n",
-        *(f"> {line}\n" for line in (*warned, *summary.remarks)),
+        *(f"> {line}\n" for line in (*sweep_warnings(summary), *summary.remarks)),
         f"**Question.** {summary.question}\n",
         "## What this means\n",
-        *(f"- {line}" for line in (*warned, *sweep_meaning(summary, table))),
+        *(f"- {line}" for line in sweep_meaning(summary, table)),
         "\n## Improvement at a glance\n",
         f"Percent of the mean `{summary.metric}` of `{summary.baseline}`, with the 95 % interval; "
         f"of `{summary.baseline}` itself the mean. Methods that learn and baselines:\n",
@@ -42,15 +40,15 @@ def sweep_text(summary: SweepSummary, table: pd.DataFrame) -> str:
         *(_cell(summary, table, cell) for cell in summary.cells),
         *published_section(summary.published),
         "\n## Methods\n",
-        *_methods(summary),
+        *described(summary.methods),
         *safeguard_section(summary.rows, list(summary.methods)),
         *(["\n**What came from what.**\n"] if summary.setup else []),
         *(f"- {line}" for line in summary.setup),
         "\n## Run it again\n",
         f"```\n{summary.command}\n```\n",
         *_time(summary),
-        _one_line("Versions", summary.versions),
-        _one_line("Seeds", {**summary.seeds, "bootstrap": summary.bootstrap_seed}),
+        one_line("Versions", summary.versions),
+        one_line("Seeds", {**summary.seeds, "bootstrap": summary.bootstrap_seed}),
     ]
     return "\n".join(sections) + "\n"
 
@@ -99,18 +97,6 @@ def _of(part: pd.DataFrame, *roles: str) -> pd.DataFrame:
     return part[part["role"].isin(roles)]
 
 
-def _methods(summary: SweepSummary) -> list[str]:
-    lines = [
-        f"- **{name}** (`{about.regime}`): {about.description}"
-        for name, about in summary.methods.items()
-    ]
-    lines += [
-        f"- {name}: {note}" for name, about in summary.methods.items() for note in about.notes
-    ]
-    used = dict.fromkeys(about.regime for about in summary.methods.values())
-    return lines + [f"- Training `{one}`: {REGIMES[one]}." for one in used if one in REGIMES]
-
-
 def _time(summary: SweepSummary) -> list[str]:
     if summary.wall_clock is None:
         return []
@@ -119,7 +105,3 @@ def _time(summary: SweepSummary) -> list[str]:
     spent = f"{hours} h {minutes} min" if hours else f"{minutes} min {seconds} s"
     several = f"{summary.processes} processes" if summary.processes > 1 else "one process"
     return [f"**Time.** {spent} in {several}.\n"]
-
-
-def _one_line(title: str, entries: Mapping[str, object]) -> str:
-    return f"**{title}.** {', '.join(f'{key} {value}' for key, value in entries.items())}.\n"

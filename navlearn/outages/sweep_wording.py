@@ -18,13 +18,14 @@ GROUPS = ("helps", "harmless", "harms", "no evidence")
 
 
 def sweep_meaning(summary: SweepSummary, table: pd.DataFrame) -> list[str]:
-    """Return the paragraphs of "What this means".
+    """Return the paragraphs of "What this means": warnings, then class by class.
 
     Args:
         summary: The sweep.
         table: What :func:`~navlearn.outages.sweep_tables.sweep_table` made of its rows.
     """
     return [
+        *sweep_warnings(summary),
         *_classes(summary, table),
         *_papers(summary.methods, table),
         *_safeguard(summary.methods, table),
