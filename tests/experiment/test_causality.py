@@ -8,6 +8,7 @@ import pytest
 
 from navlearn.experiment.drive import prepare_drive, set_clocks
 from navlearn.experiment.methods import build_methods
+from navlearn.experiment.rts_method import SmoothedFilter
 from navlearn.logs.drive_log import DriveLog
 from navlearn.outages.replay import Replay, replay
 from navlearn.outages.schedule import Outage
@@ -67,3 +68,34 @@ def test_poison_before_the_outage_would_show(make_recipe: MakeRecipe) -> None:
             spoilt.solutions[name, 1].table["lat"] - clean.solutions[name, 1].table["lat"]
         ).abs()
         assert moved.max() * 6.37e6 > 10.0, name
+
+
+def moved_between(
+    recipe: Recipe, log: DriveLog, outage: Outage, first: float, last: float
+) -> set[str]:
+    """Methods whose solution moves when the fixes of some seconds, ends included, are absurd."""
+    rows = log.fixes["t"].between(first, last)
+    assert rows.any()
+    spoilt = replace(log, fixes=log.fixes.where(~rows, absurd(log.fixes, first)))
+    clean, again = (solved(recipe, one, (outage,)) for one in (log, spoilt))
+    return {
+        name
+        for name in recipe.methods
+        if not again.solutions[name, 1].table.equals(clean.solutions[name, 1].table)
+        or again.solutions[name, 1].notes != clean.solutions[name, 1].notes
+    }
+
+
+def test_smoothing_sees_what_comes_after_the_outage_and_nothing_inside(
+    make_recipe: MakeRecipe, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(SmoothedFilter, "sees_after", 40.0)
+    methods = ("dead_reckoning", "ekf_plain", "ekf", "rts")
+    recipe = make_recipe(methods=methods, filter={"gate": {"probability": 1.0}})
+    drive = prepare_drive(recipe)
+    outage = drive.placement.outages[0]
+    end = outage.end
+    assert moved_between(recipe, drive.log, outage, outage.start, end - 1e-3) == set()
+    assert moved_between(recipe, drive.log, outage, end, end + 3.0) == {"rts"}
+    assert moved_between(recipe, drive.log, outage, end + 40.1, end + 60.0) == set()
+    assert moved_between(recipe, drive.log, outage, outage.start - 3.0, end) == set(methods)

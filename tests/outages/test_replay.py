@@ -76,6 +76,75 @@ def test_known_log_ends_with_the_outage_and_has_no_later_fix(log: DriveLog) -> N
     assert len(known.fixes) == 200
 
 
+def test_post_processing_sees_what_comes_after_the_outage_and_nothing_inside(
+    log: DriveLog,
+) -> None:
+    outage = OUTAGES[0]
+    known = known_log(log, outage, after=30.0)
+    assert known.reference is None
+    t = known.fixes["t"]
+    assert not t.between(200.0, 260.0, inclusive="left").any()
+    assert list(t[t > 199.0]) == [float(k) for k in range(260, 291)]
+    assert known.imu["t"].max() == known.odometer["t"].max() == 290.0
+    rest = known_log(log, outage, after=float("inf"))
+    assert rest.fixes["t"].max() == log.fixes["t"].max()
+    pd.testing.assert_frame_equal(rest.imu, log.imu)
+
+
+@dataclass
+class Hindsight(BatchReckoner):
+    """Uses its last fix before the outage, and the sum of all that it is given."""
+
+    sees_after: float = 40.0
+
+    def predict(self, log: DriveLog, outage: Outage) -> Solution:
+        causal = replace(log, fixes=log.fixes[log.fixes["t"] < outage.start])
+        made = super().predict(causal, outage)
+        every = float(log.fixes["lat"].sum()) * 1e-12
+        table = made.table[made.table["t"] <= outage.end]
+        return Solution(table=table.assign(lat=table["lat"] + every), notes={"seen": every})
+
+
+@pytest.mark.parametrize("batched", [False, True])
+def test_only_what_says_so_is_shown_what_comes_after(log: DriveLog, batched: bool) -> None:
+    outage = OUTAGES[0]
+    methods = {"real_time": BatchReckoner(), "hindsight": Hindsight()}
+
+    def moved_by(first: float, last: float) -> dict[str, bool]:
+        rows = (log.fixes["t"] >= first) & (log.fixes["t"] <= last)
+        spoilt = replace(log, fixes=poisoned(log.fixes, rows))
+        clean, again = (
+            replay(one, [outage], methods, progress=False, batched=batched) for one in (log, spoilt)
+        )
+        return {
+            name: not again.solutions[name, 1].table.equals(clean.solutions[name, 1].table)
+            for name in methods
+        }
+
+    assert moved_by(200.0, 259.9) == {"real_time": False, "hindsight": False}
+    assert moved_by(260.0, 260.0) == {"real_time": False, "hindsight": True}
+    assert moved_by(300.0, 300.0) == {"real_time": False, "hindsight": True}
+    assert moved_by(300.1, 600.0) == {"real_time": False, "hindsight": False}
+    assert moved_by(150.0, 150.0) == {"real_time": True, "hindsight": True}
+
+
+def test_what_a_method_sees_is_part_of_what_is_stored(log: DriveLog, tmp_path: Path) -> None:
+    run(log, Hindsight(), tmp_path, {})
+    same, other = Hindsight(), Hindsight(sees_after=50.0)
+    run(log, same, tmp_path, {})
+    assert same.calls == []
+    run(log, other, tmp_path, {})
+    assert len(other.calls) == 3
+    causal = Reckoner()
+    run(log, causal, tmp_path, {})
+    assert len(causal.calls) == 3
+
+
+def test_a_method_cannot_see_less_than_the_outage(log: DriveLog) -> None:
+    with pytest.raises(ConfigError, match=r"Hindsight.sees_after: found -1\.0"):
+        replay(log, OUTAGES, {"m": Hindsight(sees_after=-1.0)}, progress=False)
+
+
 def test_every_table_of_a_log_has_a_rule() -> None:
     """A table added to DriveLog needs a decision in known_log about what it may show."""
     names = {one.name for one in fields(DriveLog)}
