@@ -15,6 +15,7 @@ from navlearn.error_models.base import FittedErrorModel
 from navlearn.error_models.fos import fos_description, fos_from_description
 from navlearn.error_models.pci import PciModel, PciOptions
 from navlearn.error_models.pci_fit import FittedPci
+from navlearn.error_models.ridge import RidgeModel, RidgeOptions
 from navlearn.errors import ConfigError
 
 Weights = dict[str, Tensor]
@@ -38,7 +39,7 @@ class StoredKind:
     own: tuple[str, ...] = ()
 
 
-def _options(model: Anarx | PciModel) -> dict[str, Any]:
+def _options(model: Anarx | PciModel | RidgeModel) -> dict[str, Any]:
     """Return the options, where they and the weights say all there is to say."""
     return asdict(model.options)
 
@@ -55,10 +56,17 @@ def _pci(description: dict[str, Any], weights: Weights) -> nn.Module:
     return model
 
 
+def _ridge(description: dict[str, Any], weights: Weights) -> nn.Module:
+    model = RidgeModel(RidgeOptions(**description))
+    load_weights(model, weights, ())
+    return model
+
+
 KINDS: Final[dict[str, StoredKind]] = {
     "anarx": StoredKind(describe=_options, rebuild=_anarx),
     "fos": StoredKind(describe=fos_description, rebuild=fos_from_description),
     "pci": StoredKind(describe=_options, rebuild=_pci, fitted=FittedPci, own=("tried", "cascades")),
+    "ridge": StoredKind(describe=_options, rebuild=_ridge),
 }
 """Every kind that can be saved; a further one is plugged in here and nowhere else."""
 
