@@ -1,0 +1,118 @@
+"""What every recipe tells, whatever it is run on: methods, models, protocol, options."""
+
+import platform
+from importlib.metadata import PackageNotFoundError, version
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+from pydantic import AfterValidator, Field, model_validator
+
+from navlearn.logs.nearest import nearest_hint
+from navlearn.recipe.filter_options import checked_filter, ekf_options
+from navlearn.recipe.fixed_methods import BASELINES, FIXED_METHODS
+from navlearn.recipe.sections import (
+    CalibrationSection,
+    MechanizationSection,
+    OutageSection,
+    TrainingSection,
+)
+from navlearn.recipe.spec import BUILT_IN, ModelSpec
+from navlearn.recipe.spec_base import PlainName, Seed
+from navlearn.recipe.strict import Section
+
+if TYPE_CHECKING:
+    from navlearn.fusion.options import EkfOptions
+
+VERSIONS: Final = "versions"
+"""Key of a resolved recipe that is not the recipe's own."""
+
+
+class Experiment(Section):
+    """One experiment, but for what it is run on.
+
+    Attributes:
+        name: Short name, used for files.
+        question: The question that the recipe answers, in one sentence.
+        models: Specs of the error models.
+        methods: What is compared: names of :data:`FIXED_METHODS`, of ``models``, and of models
+            that are built in.
+        mechanization: How the car is dead-reckoned.
+        filter: Options of the filter that differ from their defaults, by name.
+        outages: Where GNSS is taken away.
+        training: What error models learn from.
+        calibration: How late streams are stamped.
+        seed: Seed of everything that is drawn and has no seed of its own.
+    """
+
+    name: PlainName
+    question: str = ""
+    models: tuple[ModelSpec, ...] = ()
+    methods: Annotated[tuple[str, ...], Field(min_length=1)] = BASELINES
+    mechanization: MechanizationSection = MechanizationSection()
+    filter: Annotated[dict[str, Any], AfterValidator(checked_filter)] = Field(default_factory=dict)
+    outages: OutageSection = OutageSection()
+    training: TrainingSection = TrainingSection()
+    calibration: CalibrationSection = CalibrationSection()
+    seed: Seed = 0
+
+    @model_validator(mode="before")
+    @classmethod
+    def _built_in_models(cls, content: Any) -> Any:
+        """Add the specs of models that a method's name alone calls for."""
+        if not isinstance(content, dict) or not isinstance(content.get("methods"), list | tuple):
+            return content
+        given = content.get("models", ())
+        if not isinstance(given, list | tuple):
+            return content
+        names = [_name_of(one) for one in given]
+        called = [spec for spec in BUILT_IN.values() if spec.name not in names]
+        called = [spec for spec in called if spec.name in content["methods"]]
+        return {**content, "models": [*given, *called]} if called else content
+
+    @model_validator(mode="after")
+    def _methods_exist(self) -> "Experiment":
+        names = [spec.name for spec in self.models]
+        for name in names:
+            if name in FIXED_METHODS:
+                raise ValueError(f"a model cannot be named {name!r}: that method needs no model")
+            if names.count(name) > 1:
+                raise ValueError(f"two models are named {name!r}; give each its own name")
+        known = list(dict.fromkeys([*FIXED_METHODS, *BUILT_IN, *names]))
+        for method in self.methods:
+            if method not in known:
+                raise ValueError(
+                    f"unknown method {method!r}{nearest_hint(method, known)}; "
+                    f"known: {', '.join(known)}, and the models of specs under 'models'"
+                )
+            if self.methods.count(method) > 1:
+                raise ValueError(f"the method {method!r} is listed twice; list each once")
+        return self
+
+    def model(self, name: str) -> ModelSpec:
+        """Return the spec of a model by its name."""
+        return next(spec for spec in self.models if spec.name == name)
+
+    def ekf_options(self) -> "EkfOptions":
+        """Return the filter's options: their defaults under the recipe's ``filter``."""
+        return ekf_options(self.filter)
+
+    def resolved(self) -> dict[str, Any]:
+        """Return the recipe with every default written out, and the versions that made it.
+
+        The mapping holds plain values and absolute paths; written as YAML and loaded again it
+        gives an equal recipe.
+        """
+        return {**self.model_dump(mode="json"), VERSIONS: _versions()}
+
+
+def _versions() -> dict[str, str]:
+    found = {"python": platform.python_version()}
+    for package in ("navlearn", "torch", "numpy", "pandas", "lightning"):
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            found[package] = "unknown"
+    return found
+
+
+def _name_of(spec: Any) -> Any:
+    return spec.get("name") if isinstance(spec, dict) else getattr(spec, "name", None)

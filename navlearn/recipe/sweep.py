@@ -1,0 +1,193 @@
+"""Sweeps: one question over many drives, classes of gyros and lengths of outages.
+
+A sweep is a recipe with a ``sweep`` section in place of ``log``: drives that are simulated, or
+a real drive with a stated gyro error added, drawn anew per seed.
+"""
+
+from pathlib import Path
+from typing import Annotated, Any, Final, Literal
+
+from pydantic import AfterValidator, Field, model_validator
+
+from navlearn.logs.nearest import nearest_hint
+from navlearn.recipe.document import Recipe, absolute_source, own_content
+from navlearn.recipe.experiment_base import Experiment
+from navlearn.recipe.sections import LogSource
+from navlearn.recipe.spec_base import Count, Positive, Seed
+from navlearn.recipe.strict import Section, parse
+from navlearn.recipe.yaml_file import read_yaml
+
+CLASSES: Final = {"mems_l": "L", "mems_m": "M", "mems_x": "X", "tactical": "T"}
+"""Short names of classes of gyros, by grade; other grades go by their own."""
+
+
+def _each_once(values: tuple[Any, ...]) -> tuple[Any, ...]:
+    if len(set(values)) != len(values):
+        raise ValueError(f"found {list(values)}; list each once")
+    return values
+
+
+def _known_grades(grades: tuple[str, ...]) -> tuple[str, ...]:
+    from navlearn.logs.synthetic import GRADES
+
+    for grade in grades:
+        if grade not in GRADES:
+            raise ValueError(
+                f"unknown grade {grade!r}{nearest_hint(grade, GRADES)}; known: {', '.join(GRADES)}"
+            )
+    return _each_once(grades)
+
+
+def _known_profile(profile: str) -> str:
+    from navlearn.logs.synthetic.profile import PROFILES
+
+    if profile not in PROFILES:
+        raise ValueError(
+            f"unknown profile {profile!r}{nearest_hint(profile, PROFILES)}; "
+            f"known: {', '.join(PROFILES)}"
+        )
+    return profile
+
+
+Grades = Annotated[tuple[str, ...], Field(min_length=1), AfterValidator(_known_grades)]
+Durations = Annotated[tuple[Positive, ...], Field(min_length=1), AfterValidator(_each_once)]
+
+
+class Drives(Section):
+    """Drives of a sweep, by grade and seed.
+
+    Attributes:
+        grades: Sensor grades, one class of gyros each.
+        drives: Drives per grade; for a real drive, draws of the gyro's error.
+        first_seed: Seed of the first drive of every grade; the next ones follow.
+        durations_s: Lengths of outages; each is placed on every drive.
+    """
+
+    grades: Grades
+    drives: Count
+    first_seed: Seed = 0
+    durations_s: Durations = (60.0, 120.0)
+
+    @property
+    def seeds(self) -> tuple[int, ...]:
+        """Seeds of the drives of each grade."""
+        return tuple(range(self.first_seed, self.first_seed + self.drives))
+
+
+class SimulatedDrives(Drives):
+    """Drives that the simulator makes, road and sensors from the seed.
+
+    Attributes:
+        type: Kind of drives.
+        profile: Kind of road.
+        duration_s: Length of each drive.
+        imu_rate_hz: Rate of the inertial samples.
+    """
+
+    type: Literal["simulated"]
+    profile: Annotated[str, AfterValidator(_known_profile)] = "mixed"
+    duration_s: Positive = 2400.0
+    imu_rate_hz: Annotated[float, Field(gt=0, le=1000)] = 10.0
+    drives: Count = 20
+
+
+class DegradedDrives(Drives):
+    """A real drive with the gyro error of a grade added, drawn anew per seed.
+
+    Attributes:
+        type: Kind of drives.
+        log: The real drive; its gyro is clearly better than the grades.
+    """
+
+    type: Literal["degraded"]
+    log: LogSource
+    drives: Count = 1
+    durations_s: Durations = (60.0,)
+
+
+SweptDrives = Annotated[SimulatedDrives | DegradedDrives, Field(discriminator="type")]
+
+
+class SweepRecipe(Experiment):
+    """An experiment over many drives.
+
+    Attributes:
+        sweep: The drives, and the lengths of outages in place of ``outages.duration_s``.
+    """
+
+    sweep: SweptDrives
+
+    @model_validator(mode="before")
+    @classmethod
+    def _durations_stand_in_one_place(cls, content: Any) -> Any:
+        outages = content.get("outages") if isinstance(content, dict) else None
+        if isinstance(outages, dict) and "duration_s" in outages:
+            raise ValueError("outages.duration_s: a sweep has sweep.durations_s in its place")
+        return content
+
+    def resolved(self) -> dict[str, Any]:
+        """Return the sweep with every default written out, and the versions that made it."""
+        content = super().resolved()
+        del content["outages"]["duration_s"]
+        return content
+
+    def for_drive(self, name: str, duration: float) -> Recipe:
+        """Return the recipe of one drive of the sweep.
+
+        Args:
+            name: The drive's name; it stands for the log, which nobody opens.
+            duration: Length of its outages, s.
+        """
+        shared = {key: getattr(self, key) for key in Experiment.model_fields}
+        shared["outages"] = self.outages.model_copy(update={"duration_s": duration})
+        return Recipe.model_construct(**shared, log=LogSource(path=Path(name)))
+
+    def shortened(self, *, drives: int | None = None, outages: int | None = None) -> "SweepRecipe":
+        """Return the sweep with fewer drives or outages, for a quick look.
+
+        Args:
+            drives: Drives per grade; None leaves them.
+            outages: Outages per drive and length; None leaves them.
+
+        Raises:
+            ConfigError: A number is not positive, or the outages are listed by their times.
+        """
+        content = self.model_dump()
+        del content["outages"]["duration_s"]
+        if drives is not None:
+            content["sweep"]["drives"] = drives
+        if outages is not None:
+            content["outages"]["count"] = outages
+        return parse(SweepRecipe, content, file=self.name)
+
+
+def load_sweep(path: str | Path) -> SweepRecipe:
+    """Read a sweep; paths in it are relative to its own folder.
+
+    Args:
+        path: A YAML file with a ``sweep`` section, or a run's resolved one.
+
+    Raises:
+        LogNotFoundError: The file or a spec that it names does not exist.
+        ConfigError: A key is unknown or a value is not allowed.
+    """
+    file = read_yaml(Path(path), what="sweep")
+    content = own_content(file)
+    section = content.get("sweep")
+    if isinstance(section, dict) and isinstance(section.get("log"), dict):
+        placed = absolute_source(section["log"], file)
+        content["sweep"] = {**section, "log": placed}
+    return parse(SweepRecipe, content, file=file)
+
+
+def is_sweep(path: str | Path) -> bool:
+    """Return whether a recipe's file has a ``sweep`` section.
+
+    Args:
+        path: The file.
+
+    Raises:
+        LogNotFoundError: There is no such file.
+        ConfigError: It is no YAML mapping.
+    """
+    return "sweep" in read_yaml(Path(path), what="recipe").content
