@@ -23,7 +23,10 @@ from navlearn.recipe import Recipe
 from navlearn.recipe.filter_options import ekf_options
 from navlearn.states import RissSample, Trajectory
 
-PLAIN: dict[str, Literal["bias_free"]] = {"ekf_plain": "bias_free"}
+PLAIN: dict[str, Literal["bias_free", "shen2010"]] = {
+    "ekf_plain": "bias_free",
+    "ekf_shen2010": "shen2010",
+}
 """Methods that are the filter with another error model."""
 
 

@@ -18,6 +18,7 @@ from navlearn.logs.quality import Estimate, gnss_latency, odometer_latency
 from navlearn.logs.reading import read_log, read_sensor_truth
 from navlearn.logs.resample import ResampleOptions, RissTimeline, riss_timeline
 from navlearn.logs.sensor_truth import SensorTruth
+from navlearn.logs.synthetic.degrade import degrade_gyro, degraded_drive
 from navlearn.outages.placement import place_outages
 from navlearn.outages.schedule import Placement
 from navlearn.recipe import Recipe
@@ -54,11 +55,12 @@ def open_log(recipe: Recipe) -> DriveLog:
         LogNotFoundError: It does not exist.
         LogError: It cannot be used as it is.
     """
-    return read_log(_path_of(recipe), format=recipe.log.format)
+    log, added = read_log(_path_of(recipe), format=recipe.log.format), recipe.log.gyro
+    return log if added is None else degrade_gyro(log, added.grade, added.seed)
 
 
 def sensor_truth_of(recipe: Recipe) -> SensorTruth | None:
-    """Return what a simulation knows of the gyro of a recipe's log; None where there was none.
+    """Return what is known of the gyro of a recipe's log where it was simulated, or spoilt.
 
     Args:
         recipe: The recipe.
@@ -66,7 +68,11 @@ def sensor_truth_of(recipe: Recipe) -> SensorTruth | None:
     Raises:
         LogError: It is there and cannot be used.
     """
-    return read_sensor_truth(_path_of(recipe))
+    added = recipe.log.gyro
+    if added is None:
+        return read_sensor_truth(_path_of(recipe))
+    log = read_log(_path_of(recipe), format=recipe.log.format)
+    return degraded_drive(log, added.grade, added.seed).truth
 
 
 def _path_of(recipe: Recipe) -> Path:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from navlearn.experiment.anarx_method import AnarxMethod
+from navlearn.experiment.augmented_method import AugmentedMethod
 from navlearn.experiment.azimuth_method import AzimuthMethod
 from navlearn.experiment.baselines import DeadReckoning, FilterMethod, FilterRuns
 from navlearn.experiment.learned import Learned
@@ -19,6 +20,7 @@ from navlearn.experiment.rts_method import SmoothedFilter
 from navlearn.outages.replay import Method
 from navlearn.recipe import Recipe
 from navlearn.recipe.anarx_spec import AnarxSpec
+from navlearn.recipe.augmented_spec import AugmentedSpec
 from navlearn.recipe.azimuth_spec import AzimuthSpec
 from navlearn.recipe.pseudo_outage_spec import PseudoOutageSpec
 from navlearn.recipe.spec_base import SpecBase
@@ -46,6 +48,7 @@ class MethodContext:
 FIXED: Final[dict[str, Callable[[MethodContext], Method]]] = {
     "dead_reckoning": lambda context: DeadReckoning(context.recipe),
     "ekf_plain": lambda context: FilterMethod(context.runs, "ekf_plain"),
+    "ekf_shen2010": lambda context: FilterMethod(context.runs, "ekf_shen2010"),
     "ekf": lambda context: FilterMethod(context.runs, "ekf"),
     "rts": lambda context: SmoothedFilter(context.runs),
     "oracle": lambda context: GyroOracle(context.runs, context.truth, noise_free=False),
@@ -55,6 +58,7 @@ FIXED: Final[dict[str, Callable[[MethodContext], Method]]] = {
 """Builders of the methods that need no spec."""
 
 LEARNED: Final[dict[type[SpecBase], Callable[[MethodContext, Any], Method]]] = {
+    AugmentedSpec: lambda context, spec: AugmentedMethod(context.runs, spec),
     AnarxSpec: lambda context, spec: AnarxMethod(context.runs, spec, context.keep),
     PseudoOutageSpec: lambda context, spec: PseudoOutageMethod(context.runs, spec, None),
     AzimuthSpec: lambda context, spec: AzimuthMethod(context.runs, spec, context.keep),

@@ -46,7 +46,20 @@ def run_summary(
         versions=versions,
         seeds=_seeds(recipe),
         baselines=tuple(name for name in ("ekf", "ekf_plain") if name in recipe.methods),
+        metric=recipe.metric,
+        remarks=(*recipe.remarks, *_semi_synthetic(drive)),
+        published=tuple(one.table() for one in recipe.published),
         setup=_setup(recipe, drive),
+    )
+
+
+def _semi_synthetic(drive: Drive) -> tuple[str, ...]:
+    stated = drive.log.metadata.extra.get("semi_synthetic")
+    if not isinstance(stated, Mapping):
+        return ()
+    return (
+        f"Semi-synthetic: to the drive's own gyro an error of grade `{stated['grade']}` (seed "
+        f"{stated['seed']}) was added.",
     )
 
 

@@ -23,6 +23,9 @@ FIXED_METHODS: Final[dict[str, FixedMethod]] = {
     "ekf_plain": FixedMethod(
         "the filter without a gyro bias state, what papers often compare with"
     ),
+    "ekf_shen2010": FixedMethod(
+        "the filter with the error states of [Shen2010] as printed, that paper's own baseline"
+    ),
     "ekf": FixedMethod(
         "the honest filter: position, azimuth, gyro bias, odometer scale; tuned, gated"
     ),

@@ -5,6 +5,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
+from navlearn.outages.published import PublishedTable
 from navlearn.outages.schedule import OutageProtocol
 from navlearn.recipe.spec_base import Count, NotNegative, Positive, Seed
 from navlearn.recipe.strict import Section
@@ -12,6 +13,18 @@ from navlearn.recipe.strict import Section
 Dynamics = Literal["straight", "turn", "stop", "motorway", "hill"]
 
 _PLACED = OutageProtocol()
+
+
+class GyroErrorSection(Section):
+    """A stated synthetic error that is added to a good gyro: semi-synthetic data.
+
+    Attributes:
+        grade: Sensor grade whose gyro error is added, such as ``mems_l``.
+        seed: Seed of its draws.
+    """
+
+    grade: str
+    seed: Seed = 0
 
 
 class LogSource(Section):
@@ -22,11 +35,13 @@ class LogSource(Section):
         path: Log file or folder, for logs that need no descriptor.
         format: Reader of ``path``: ``native``, ``csv``, ``navinst`` or ``canedge``, or a descriptor
             whose layout is applied; recognised where left out.
+        gyro: A synthetic error to add to the log's gyro; None leaves it as it was recorded.
     """
 
     descriptor: Path | None = None
     path: Path | None = None
     format: str | None = None
+    gyro: GyroErrorSection | None = None
 
     @model_validator(mode="after")
     def _one_source(self) -> "LogSource":
@@ -116,6 +131,33 @@ class OutageSection(Section):
         """Return the section as the outage protocol that places outages."""
         values = {name.removesuffix("_s"): value for name, value in self.model_dump().items()}
         return OutageProtocol(**{**values, "times": self.times_s or ()})
+
+
+class PublishedSection(Section):
+    """A table of a paper; the fields of :class:`navlearn.outages.published.PublishedTable`.
+
+    Attributes:
+        source: The paper's key in ``docs/references.bib``.
+        caption: What the table shows.
+        columns: Names of the columns, with units.
+        rows: Cells of every line, as many as there are columns.
+        remark: How far it may be compared with ours.
+    """
+
+    source: str
+    caption: str
+    columns: Annotated[tuple[str, ...], Field(min_length=1)]
+    rows: tuple[tuple[str | float, ...], ...]
+    remark: str = ""
+
+    @model_validator(mode="after")
+    def _cells_fit(self) -> "PublishedSection":
+        self.table()
+        return self
+
+    def table(self) -> PublishedTable:
+        """Return the section as the table that a report prints."""
+        return PublishedTable(**self.model_dump())
 
 
 class TrainingSection(Section):
