@@ -10,7 +10,7 @@ from navlearn.outages.oracle_share import OracleShare
 from navlearn.outages.roles import Role, having, roles, verdict_words
 from navlearn.outages.run_summary import MethodSummary, RunSummary, comparisons
 from navlearn.outages.statistics import MARGIN_PERCENT, Comparison, averages
-from navlearn.outages.wording import never_differs, percent
+from navlearn.outages.wording import MARGIN_WHY, never_differs, percent
 
 REGIMES = {
     "none": "nothing is learned",
@@ -58,11 +58,13 @@ def methods_section(summary: RunSummary) -> list[str]:
         *described(summary.methods),
     ]
     shares = oracle_shares(summary)
-    for k, baseline in enumerate(summary.baselines):
+    present = [name for name in summary.baselines if name in summary.methods]
+    for baseline in present:
+        first = baseline == present[0]
         found = comparisons(summary, baseline)
         if found:
             out += [f"\n### Against `{baseline}`\n"]
-            out += _comparison_tables(summary, found, shares if k == 0 else {})
+            out += _comparison_tables(summary, found, shares if first else {}, explained=first)
     out += safeguard_section(summary.rows, list(summary.methods))
     out += ["\n### Other figures (median over outages)\n", _other_figures(summary)]
     return out
@@ -116,7 +118,11 @@ def _averages_table(summary: RunSummary, names: list[str]) -> str:
 
 
 def _comparison_tables(
-    summary: RunSummary, found: dict[str, Comparison], shares: Mapping[str, OracleShare]
+    summary: RunSummary,
+    found: dict[str, Comparison],
+    shares: Mapping[str, OracleShare],
+    *,
+    explained: bool,
 ) -> list[str]:
     def table(summary: RunSummary, names: list[str]) -> str:
         return _comparison_table(summary, {name: found[name] for name in names}, shares)
@@ -126,16 +132,15 @@ def _comparison_tables(
         "Improvement: by how much the mean error is smaller than the baseline's (negative: "
         f"larger); paired bootstrap drawn from {' / '.join(sorted(drawn))}. A method helps where "
         "the interval lies above zero, and harms where it lies below. It is harmless where all of "
-        f"the interval lies above {percent(MARGIN_PERCENT)}: less than a third of what counts as "
-        "harm in a single outage, and not to be noticed beside the error of a fix. Anything else "
-        "is no evidence.\n"
+        f"the interval lies above {percent(MARGIN_PERCENT)}: {MARGIN_WHY}. Anything else is no "
+        "evidence.\n"
     )
     if shares:
         note += (
             "\nShare of the oracle: of the gain that knowing the deterministic sensor errors "
             "brings, with its 95 % interval; a dash where that gain is not clear of zero.\n"
         )
-    return [*_by_group(summary, list(found), table), note]
+    return [*_by_group(summary, list(found), table), *([note] if explained else [])]
 
 
 def _comparison_table(

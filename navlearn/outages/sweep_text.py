@@ -11,7 +11,7 @@ from navlearn.outages.statistics import FEWEST_UNITS, MARGIN_PERCENT
 from navlearn.outages.sweep_summary import SweepCell, SweepSummary
 from navlearn.outages.sweep_tables import KEYS, cell_markdown, overview_markdown
 from navlearn.outages.sweep_wording import sweep_meaning, sweep_warnings
-from navlearn.outages.wording import percent
+from navlearn.outages.wording import MARGIN_WHY, percent
 
 COMPETING = ("baseline", "learned")
 
@@ -69,10 +69,10 @@ def _how(table: pd.DataFrame) -> str:
     return (
         f"Improvement: 100 (1 − mean error / mean error of the baseline). Intervals: paired "
         f"bootstrap drawn by {' or '.join(drawn)}. `helps`: the interval lies above zero; `harms`: "
-        f"below; `harmless`: all of it above {percent(MARGIN_PERCENT)}; else, and with fewer than "
-        f"{FEWEST_UNITS} {' or '.join(f'{one}s' for one in drawn)}, `no evidence`. Share of the "
-        "oracle: of what knowing the deterministic sensor errors gains; a dash where that gain is "
-        "not clear of zero.\n"
+        f"below; `harmless`: all of it above {percent(MARGIN_PERCENT)}, {MARGIN_WHY}; else, and "
+        f"with fewer than {FEWEST_UNITS} {' or '.join(f'{one}s' for one in drawn)}, "
+        "`no evidence`. Share of the oracle: of what knowing the deterministic sensor errors gains, "
+        "with its 95 % interval; a dash where that gain is not clear of zero.\n"
     )
 
 
@@ -82,6 +82,10 @@ def _cell(summary: SweepSummary, table: pd.DataFrame, cell: SweepCell) -> str:
     said = [summary.classes.get(cell.gyro_class, ""), cell.remark]
     words = " ".join(f"{one[0].upper()}{one[1:].rstrip('.')}." for one in said if one)
     count = f"{counted(len(cell.drives), 'drive')}: {', '.join(cell.drives)}."
+    rows = summary.rows
+    here = (rows[KEYS[0]] == cell.gyro_class) & (rows[KEYS[1]] == cell.duration)
+    lost = [name for name in cell.drives if name not in set(rows.loc[here, "drive"])]
+    count += f" No outage of {', '.join(lost)} was scored." if lost else ""
     shown += [f"{words} {count}".lstrip() + "\n", cell_markdown(_of(part, *COMPETING))]
     for role, heading in (
         ("post-processing", "Post-processing, which knows what came after:"),

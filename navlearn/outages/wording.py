@@ -9,6 +9,12 @@ import math
 from navlearn.outages.naming import counted
 from navlearn.outages.statistics import FEWEST_UNITS, MARGIN_PERCENT, Comparison
 
+MARGIN_WHY = (
+    "less than a third of what counts as harm in a single outage, and not to be noticed beside the "
+    "error of a fix"
+)
+"""Why a loss within the margin counts as harmless."""
+
 _SAID = {
     "helps": "it helps in these outages",
     "harms": "it harms in these outages",

@@ -212,6 +212,13 @@ def test_failures_are_told_and_forbid_a_good_verdict(sweep: SweepSummary) -> Non
     assert "**augmented** in L 60 s 1 of 40" in sweep_meaning(failed, table)[-1]
 
 
+def test_drives_without_outages_are_named(sweep: SweepSummary, table: pd.DataFrame) -> None:
+    more = replace(sweep.cells[0], drives=(*sweep.cells[0].drives, "L_99"))
+    text = sweep_text(replace(sweep, cells=(more, *sweep.cells[1:])), table)
+    assert text.count("No outage of") == 1
+    assert "9 drives: L_0, L_1, L_2, L_3, L_4, L_5, L_6, L_7, L_99. No outage of L_99 was" in text
+
+
 def test_the_files_of_a_sweep(sweep: SweepSummary, tmp_path: Path) -> None:
     output = prepare_output_folder(tmp_path / "sweep")
     written = write_sweep_report(output, sweep)
