@@ -71,8 +71,8 @@ def _how(table: pd.DataFrame) -> str:
         f"bootstrap drawn by {' or '.join(drawn)}. `helps`: the interval lies above zero; `harms`: "
         f"below; `harmless`: all of it above {percent(MARGIN_PERCENT)}, {MARGIN_WHY}; else, and "
         f"with fewer than {FEWEST_UNITS} {' or '.join(f'{one}s' for one in drawn)}, "
-        "`no evidence`. Share of the oracle: of what knowing the deterministic sensor errors gains, "
-        "with its 95 % interval; a dash where that gain is not clear of zero.\n"
+        "`no evidence`. Share of the oracle: of what knowing the deterministic sensor errors "
+        "gains, with its 95 % interval; a dash where that gain is not clear of zero.\n"
     )
 
 
