@@ -170,14 +170,14 @@ def azimuth_curve(
     own = [gyro_regressor(name, samples) * moved for name in options.gyro_states]
     removed = torch.zeros_like(azimuth)
     if own:
-        taken = _sums(torch.stack(own, -1), ends)
+        taken = sums_over_blocks(torch.stack(own, -1), ends)
         sensor = history.belief.sensor[:known, : len(own)]
         sensor = torch.cat((sensor[:1], sensor[:-1]))
         removed = (taken * sensor).sum(-1)
     start = history.belief.state.azimuth[:known]
     turn = history.prior.state.azimuth[1:known] - start[:-1] - removed[1:]
     raw = torch.cat((start[:1], start[0] + torch.cumsum(turn, 0)))
-    integrals = _sums(terms * moved.unsqueeze(-1), ends)
+    integrals = sums_over_blocks(terms * moved.unsqueeze(-1), ends)
     integrals[0] = 0.0
     rest, rest_rate, rest_terms = _rest(samples, terms, ends, held)
     rest_rate = rest_rate - wgs84.EARTH_RATE * torch.sin(history.belief.state.lat[:known])
@@ -188,9 +188,9 @@ def azimuth_curve(
         error=torch.where(told, raw - azimuth, math.nan),
         variance=variance,
         turned=-torch.cumsum(integrals, 0),
-        moving=_sums(moved.unsqueeze(-1), ends)[:, 0],
-        duration=_sums(samples.dt.unsqueeze(-1), ends)[:, 0],
-        turning=_sums((samples.yaw_rate.square() * moved).unsqueeze(-1), ends)[:, 0],
+        moving=sums_over_blocks(moved.unsqueeze(-1), ends)[:, 0],
+        duration=sums_over_blocks(samples.dt.unsqueeze(-1), ends)[:, 0],
+        turning=sums_over_blocks((samples.yaw_rate.square() * moved).unsqueeze(-1), ends)[:, 0],
         rest=torch.where(at_rest, rest, 0.0),
         rest_rate=rest_rate,
         rest_terms=rest_terms,
@@ -258,8 +258,13 @@ def whitened_rows(curve: AzimuthCurve, noise: AzimuthNoise) -> AzimuthRows:
     )
 
 
-def _sums(values: Tensor, ends: Tensor) -> Tensor:
-    """Return sums over blocks that end with the given samples, shape (K, n)."""
+def sums_over_blocks(values: Tensor, ends: Tensor) -> Tensor:
+    """Return sums over blocks that end with the given samples, shape (K, n).
+
+    Args:
+        values: By sample, shape (T, n).
+        ends: Last sample of each block, int64, shape (K,).
+    """
     total = torch.cumsum(values, 0)[ends]
     return torch.diff(total, dim=0, prepend=torch.zeros_like(total[:1]))
 

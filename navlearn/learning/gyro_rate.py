@@ -51,9 +51,11 @@ class GyroRateOptions:
             them.
         terms: Terms of ``ridge``.
         factors: Channels and magnitudes of which ``fos`` and ``pci`` make terms.
-        degree: Largest degree of a product (``fos``) or polynomial (``pci``).
+        degree: Largest degree of a product of ``fos``.
+        power: Degree of the polynomials of ``pci``.
         max_terms: Most terms of ``fos``, most cascades of ``pci``.
         false_alarm: Chance that white noise alone has a term or cascade accepted.
+        structure_every: Longest time that found terms serve before others are looked for, s.
         priors: Standard deviation of coefficients before anything is learned, SI.
         other_prior: Rate error that a term without prior is expected to make, rad/s.
         average: Longest time over which channels are averaged before terms are formed, s.
@@ -68,8 +70,10 @@ class GyroRateOptions:
     terms: tuple[str, ...] = PHYSICAL_TERMS
     factors: tuple[str, ...] = ("yaw_rate", "abs_yaw_rate", "f_x", "f_y", "speed", "acceleration")
     degree: int = 2
+    power: int = 3
     max_terms: int = 6
     false_alarm: float = 0.05
+    structure_every: float = 240.0
     priors: Mapping[str, float] = field(default_factory=lambda: PRIOR_SIGMA)
     other_prior: float = 1e-3
     average: float = 0.1
@@ -190,14 +194,26 @@ def gather(past: GyroPast, terms: GyroTerms, options: GyroRateOptions) -> GyroEv
     """
     values = term_values(past.u, terms.form, terms.magnitude)
     spread = values.square().mean(0).sqrt()
-    curve = azimuth_curve(past.run, past.filter, at_samples(values, past.block, past.end), past.end)
-    curve = curve._replace(variance=curve.variance * options.fix_variance)
+    curve = past_curve(past, values, options)
     return GyroEvidence(
         terms,
         prior_sigmas(terms.names, spread, options.priors, options.other_prior),
         curve,
         whitened_rows(curve, options.noise),
     )
+
+
+def past_curve(past: GyroPast, values: Tensor, options: GyroRateOptions) -> AzimuthCurve:
+    """Return the azimuth error of the raw gyro over a past, and terms integrated along it.
+
+    Args:
+        past: The past.
+        values: Terms by row of ``past.u``, shape (S, J).
+        options: Noise.
+    """
+    terms = at_samples(values, past.block, past.end)
+    curve = azimuth_curve(past.run, past.filter, terms, past.end)
+    return curve._replace(variance=curve.variance * options.fix_variance)
 
 
 def fit_physical(

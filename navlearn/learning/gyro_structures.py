@@ -4,7 +4,8 @@ FOS searches among integrated products of channels, whitened, for the few that e
 azimuth error; what it finds is fitted once more by the ridge with physical priors.
 """
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import torch
@@ -18,18 +19,26 @@ from navlearn.error_models.gyro_terms import (
     channels_of,
     product_terms,
 )
+from navlearn.error_models.pci_options import PciOptions
+from navlearn.learning.azimuth_regression import AzimuthCurve, sums_over_blocks
+from navlearn.learning.gyro_cascades import cascade_terms, smoothed_rate_error
 from navlearn.learning.gyro_rate import (
     GyroEvidence,
     GyroFit,
     GyroPast,
     GyroRateOptions,
     at_origin,
+    at_samples,
     fit_at,
     fit_physical,
     gather,
+    past_curve,
     rows_before,
 )
 from navlearn.learning.weighted_ridge import solve_ridge
+
+RATE_WALK = math.radians(0.1)
+"""How fast a gyro's error may change where cascades are sought, rad/s/√s: as turns begin."""
 
 
 def model_inputs(options: GyroRateOptions) -> tuple[str, ...]:
@@ -59,36 +68,79 @@ def fit_gyro_rate(
     Raises:
         FitError: Nothing was known before an origin.
     """
-    if options.structure == "fos":
-        return fit_chosen(past, options, origins, source)
-    return fit_physical(past, options, origins, source)
+    if options.structure == "ridge":
+        return fit_physical(past, options, origins, source)
+    fits: list[GyroFit] = []
+    find = _fos_evidence if options.structure == "fos" else _pci_evidence
+    evidence_at = find(past, options)
+    for together in _in_groups(past, origins, options.structure_every):
+        evidence = evidence_at(together[0])
+        counts = rows_before(evidence.rows, together)
+        rows = evidence.rows
+        found = solve_ridge(rows.columns, rows.target, evidence.prior, counts)
+        fits += [
+            fit_at(past, options, evidence, at_origin(found, k), origin, source)
+            for k, origin in enumerate(together)
+        ]
+    return fits
 
 
-def fit_chosen(
-    past: GyroPast, options: GyroRateOptions, origins: Sequence[int], source: TrainingSource
-) -> list[GyroFit]:
-    """Fit the terms that FOS chooses at each origin.
+def _in_groups(past: GyroPast, origins: Sequence[int], every: float) -> list[list[int]]:
+    """Return origins that share the structure found at the first of them; the last finds its own.
 
     Args:
         past: The drive's past.
-        options: Factors, degree and rules of the search.
         origins: Samples, rising.
-        source: What else is known about the data.
-
-    Returns:
-        One fit per origin; one without terms corrects nothing.
+        every: Longest time that a structure serves, s.
     """
+    span = round(every / float(past.run.samples.dt.median()))
+    groups: list[list[int]] = []
+    for origin in origins:
+        last = origin == origins[-1]
+        if not groups or last or origin - groups[-1][0] >= span:
+            groups.append([])
+        groups[-1].append(origin)
+    return groups
+
+
+def _fos_evidence(past: GyroPast, options: GyroRateOptions) -> Callable[[int], GyroEvidence]:
+    """Return what tells the terms that FOS chooses by what was known before a sample."""
     names = candidate_names(options.factors, options.degree)
     terms = product_terms(names, past.inputs, past.run.alignment.gyro_bias)
     evidence = gather(past, terms, options)
-    fits = []
-    for count, origin in zip(rows_before(evidence.rows, origins).tolist(), origins, strict=True):
-        part = some_terms(evidence, chosen_terms(evidence, options, count))
-        found = solve_ridge(
-            part.rows.columns[:count], part.rows.target[:count], part.prior, torch.tensor([count])
-        )
-        fits.append(fit_at(past, options, part, at_origin(found, 0), origin, source))
-    return fits
+
+    def chosen(origin: int) -> GyroEvidence:
+        count = int(rows_before(evidence.rows, [origin])[0])
+        return some_terms(evidence, chosen_terms(evidence, options, count))
+
+    return chosen
+
+
+def _pci_evidence(past: GyroPast, options: GyroRateOptions) -> Callable[[int], GyroEvidence]:
+    """Return what tells the powers of cascades found on what was known before a sample."""
+    search = PciOptions(
+        inputs=len(past.inputs),
+        lags=0,
+        degree=options.power,
+        cascades=options.max_terms,
+        tried=1000,
+        level=options.false_alarm,
+        seed=options.seed,
+    )
+    curve = past_curve(past, past.u[:, :0], options)
+    dt = past.run.samples.dt[: past.end].unsqueeze(-1)
+    channels = at_samples(past.u, past.block, past.end) * dt
+    means = sums_over_blocks(channels, curve.end) / curve.duration.unsqueeze(-1)
+
+    def found(origin: int) -> GyroEvidence:
+        count = int((curve.end < origin).sum())
+        before = AzimuthCurve(*(part[:count] for part in curve))
+        rate, variance = smoothed_rate_error(before, options.noise, RATE_WALK)
+        weight = torch.where(torch.isfinite(before.error), 1.0 / variance, 0.0)
+        weight = weight / weight.mean().clamp(min=1e-300)
+        return gather(past, cascade_terms(means[:count], rate, weight, search), options)
+
+    return found
 
 
 def chosen_terms(evidence: GyroEvidence, options: GyroRateOptions, count: int) -> list[int]:

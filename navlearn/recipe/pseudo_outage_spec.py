@@ -27,9 +27,12 @@ class PseudoOutageSpec(SpecBase):
             name, of their magnitudes, joined by ``*``.
         factors: Channels and magnitudes of whose products ``fos`` chooses, and on which ``pci``
             finds its cascades.
-        degree: Largest degree of a product (``fos``) or of a cascade's polynomial (``pci``).
+        degree: Largest degree of a product of ``fos``.
+        power: Degree of the polynomials of ``pci``.
         max_terms: Most terms of ``fos``, most cascades of ``pci``.
         false_alarm: Chance that white noise alone has a term or cascade accepted.
+        structure_every_s: Longest time that found terms serve in the judging before others are
+            looked for; for the outage itself they are always looked for.
         other_prior_deg_per_s: Error that a term without a prior of its own is expected to make
             at its root mean square, deg/s.
         average_s: Longest time over which channels are averaged before terms are formed.
@@ -52,9 +55,11 @@ class PseudoOutageSpec(SpecBase):
     structure: Literal["ridge", "fos", "pci"] = "ridge"
     terms: Terms = ("yaw_rate", "abs_yaw_rate", "yaw_rate*abs_yaw_rate", "f_x", "f_y")
     factors: Terms = ("yaw_rate", "abs_yaw_rate", "f_x", "f_y", "speed", "acceleration")
-    degree: Annotated[int, Field(ge=1, le=3)] = 2
+    degree: Literal[1, 2] = 2
+    power: Annotated[int, Field(ge=1, le=5)] = 3
     max_terms: Count = 6
     false_alarm: Annotated[float, Field(gt=0, le=1)] = 0.05
+    structure_every_s: Positive = 240.0
     other_prior_deg_per_s: Positive = 0.05
     average_s: Positive = 0.1
     random_walk_deg_per_sqrt_h: Positive = 1.2
@@ -67,7 +72,7 @@ class PseudoOutageSpec(SpecBase):
     judge_every_s: Positive = 30.0
     judge_after_s: NotNegative = 240.0
     seed: Seed = 0
-    safeguard: SafeguardSpec = SafeguardSpec()
+    safeguard: SafeguardSpec = SafeguardSpec(output_limit=15.0)
 
     @model_validator(mode="after")
     def _terms_are_known(self) -> "PseudoOutageSpec":
@@ -83,8 +88,6 @@ class PseudoOutageSpec(SpecBase):
         for name in self.factors:
             if "*" in name:
                 raise ValueError(f"the factor {name!r} is a product; list its factors alone")
-        if self.structure != "pci" and self.degree > 2:
-            raise ValueError(f"degree is {self.degree}; {self.structure} forms products of two")
         return self
 
     def describe(self) -> str:
@@ -114,6 +117,8 @@ class PseudoOutageSpec(SpecBase):
             terms=self.terms,
             factors=self.factors,
             degree=self.degree,
+            power=self.power,
+            structure_every=self.structure_every_s,
             max_terms=self.max_terms,
             false_alarm=self.false_alarm,
             other_prior=math.radians(self.other_prior_deg_per_s),
