@@ -1,11 +1,17 @@
 """Running a recipe from a command, and what is shown of the result."""
 
+import os
 import textwrap
+from collections.abc import Iterable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import typer
 
 from navlearn.recipe import Recipe
+
+if TYPE_CHECKING:
+    from navlearn.recipe.sweep import SweepRecipe
 
 LINE_WIDTH = 100
 HELD_SPACE = "\N{NO-BREAK SPACE}"
@@ -28,9 +34,50 @@ def run_and_show(recipe: Recipe, out: Path, *, force: bool, progress: bool) -> N
     table = by_method.agg(["count", "mean", "median", "max"]).rename(columns={"count": "outages"})
     typer.echo("Maximum horizontal error per outage, m, over outages:")
     typer.echo(table.reset_index().to_string(index=False, float_format="{:.2f}".format) + "\n")
-    for line in result.summary["meaning"]:
+    _show_meaning(result.summary["meaning"])
+    typer.echo(f"\nReport: {result.folder / 'report.md'}")
+
+
+def sweep_and_show(
+    recipe: "SweepRecipe", out: Path, *, processes: int | None, force: bool, progress: bool
+) -> None:
+    """Run a sweep and print its mean errors, what they mean, and where the rest is.
+
+    Args:
+        recipe: What to run.
+        out: Folder for the run.
+        processes: How many drives to run at once; None takes all cores.
+        force: Whether an earlier run there may be overwritten.
+        progress: Whether to show a progress bar.
+
+    Raises:
+        Exit: With 1 where some drives could not be run.
+    """
+    from navlearn.experiment.sweep import run_sweep
+
+    at_once = processes or os.cpu_count() or 1
+    result = run_sweep(recipe, out, processes=at_once, force=force, progress=progress)
+    cells = result.table["gyro_class"] + result.table["duration_s"].map(" {:g} s".format)
+    errors = result.table.assign(cell=cells).groupby(["method", "cell"], sort=False)
+    table = errors["max_horizontal_error_m"].mean().unstack("cell")
+    table = table.reindex(index=list(recipe.methods), columns=list(dict.fromkeys(cells)))
+    typer.echo("Mean of the maximum horizontal error per outage, m, by class and length:")
+    typer.echo(table.to_string(float_format="{:.2f}".format) + "\n")
+    _show_meaning(result.meaning)
+    typer.echo(f"\nReport: {result.folder / 'report.md'}")
+    for failure in result.failures:
+        typer.echo(
+            f"navlearn: not run: {failure.grade} seed {failure.seed}, {failure.duration:g} s: "
+            f"{failure.reason}",
+            err=True,
+        )
+    if result.failures:
+        raise typer.Exit(1)
+
+
+def _show_meaning(lines: Iterable[str]) -> None:
+    for line in lines:
         whole = f"- {line}".replace(" %", HELD_SPACE + "%").replace(" m)", HELD_SPACE + "m)")
         typer.echo(
             textwrap.fill(whole, LINE_WIDTH, subsequent_indent="  ").replace(HELD_SPACE, " ")
         )
-    typer.echo(f"\nReport: {result.folder / 'report.md'}")

@@ -136,13 +136,21 @@ def method_settings(
             settings[name] = {
                 **shared,
                 "model": spec.model_dump(mode="json"),
-                "trained": "".join(_digest(path) for path in spec.files()),
+                "trained": "".join(digest_of(path) for path in spec.files()),
                 "training": recipe.training.model_dump(mode="json"),
             }
     return settings
 
 
-def _digest(path: Path) -> str:
+def digest_of(path: Path) -> str:
+    """Return a hash of the file of a trained model.
+
+    Args:
+        path: The file.
+
+    Raises:
+        LogNotFoundError: There is no such file.
+    """
     if not path.is_file():
         raise LogNotFoundError(
             f"{path}: no such file; 'trained' names a model that navlearn train wrote"

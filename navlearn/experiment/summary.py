@@ -85,13 +85,22 @@ def _drive_summary(drive: Drive) -> DriveSummary:
 
 
 def _setup(recipe: Recipe, drive: Drive) -> tuple[str, ...]:
+    told = filter_and_training(recipe)
+    return (*told[:2], *drive.notes, *told[2:])
+
+
+def filter_and_training(recipe: Recipe) -> tuple[str, ...]:
+    """Return how a recipe mechanizes, filters and trains, a sentence each.
+
+    Args:
+        recipe: The recipe.
+    """
     mechanization, training = recipe.mechanization, recipe.training
     stated = sorted({**recipe.filter, **recipe.filter.get("noise", {})}.keys() - {"noise"})
     told = f"but for {', '.join(stated)}, which the recipe states" if stated else "throughout"
     lines = [
         f"mechanization: {mechanization.dims}D, {mechanization.rate_hz:g} Hz",
         f"filter: the package's defaults {told}; the same for every method",
-        *drive.notes,
     ]
     anarx = [spec for spec in recipe.models if isinstance(spec, AnarxSpec)]
     if any(spec.trained is None for spec in anarx):

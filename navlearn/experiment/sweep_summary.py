@@ -1,0 +1,105 @@
+"""What a sweep tells its report: its cells, its methods, what each cost, and what failed."""
+
+from collections.abc import Sequence
+
+import pandas as pd
+
+from navlearn.experiment.summary import filter_and_training
+from navlearn.experiment.sweep_jobs import CPU, Failure, gyro_class
+from navlearn.logs.synthetic.grades import find_grade
+from navlearn.outages.run_summary import MethodSummary
+from navlearn.outages.sweep_summary import SweepCell, SweepSummary
+from navlearn.recipe.fixed_methods import FIXED_METHODS
+from navlearn.recipe.sweep import SimulatedDrives, SweepRecipe
+
+
+def sweep_summary(
+    recipe: SweepRecipe, rows: pd.DataFrame, failures: Sequence[Failure]
+) -> SweepSummary:
+    """Return everything that the report of a sweep tells, but how it was run.
+
+    Args:
+        recipe: The sweep.
+        rows: Rows of all drives that could be run.
+        failures: What could not.
+    """
+    sweep = recipe.sweep
+    first, last = sweep.seeds[0], sweep.seeds[-1]
+    seeds = f"seeds {first} to {last}" if sweep.drives > 1 else f"seed {first}"
+    return SweepSummary(
+        title=recipe.name,
+        question=recipe.question,
+        rows=rows,
+        cells=_cells(recipe, rows),
+        methods={name: _method(recipe, name, rows) for name in recipe.methods},
+        command="",
+        versions={},
+        seeds={"recipe": recipe.seed}
+        | {key: seed for spec in recipe.models for key, seed in spec.seeds.items()},
+        classes={gyro_class(grade): _words(grade) for grade in sweep.grades},
+        remarks=(_origin(recipe, seeds), *_failed(failures)),
+        setup=(
+            f"outages: {recipe.outages.count} per drive and length, placed by "
+            f"`{recipe.outages.placement}`, none before {recipe.outages.warm_up_s:g} s",
+            *filter_and_training(recipe.for_drive("any", sweep.durations_s[0])),
+            "clocks: latencies are estimated on every drive from what lies before its first "
+            "outage, and removed where they are clear of zero",
+        ),
+    )
+
+
+def _cells(recipe: SweepRecipe, rows: pd.DataFrame) -> tuple[SweepCell, ...]:
+    cells = []
+    for grade in recipe.sweep.grades:
+        for duration in recipe.sweep.durations_s:
+            mine = (rows["gyro_class"] == gyro_class(grade)) & (rows["duration_s"] == duration)
+            drives = tuple(str(name) for name in rows.loc[mine, "drive"].unique())
+            if drives:
+                cells.append(
+                    SweepCell(gyro_class=gyro_class(grade), duration=duration, drives=drives)
+                )
+    return tuple(cells)
+
+
+def _method(recipe: SweepRecipe, name: str, rows: pd.DataFrame) -> MethodSummary:
+    spent = rows.loc[rows["method"] == name, CPU].dropna()
+    notes = (f"{spent.mean():.2g} s of processor time per outage",) if len(spent) else ()
+    if name in FIXED_METHODS:
+        return MethodSummary(**FIXED_METHODS[name]._asdict(), notes=notes)
+    spec = recipe.model(name)
+    return MethodSummary(
+        description=spec.describe(),
+        regime=spec.regime,
+        notes=notes,
+        guarded=spec.safeguard.gate,
+    )
+
+
+def _words(grade: str) -> str:
+    """Return what a grade stands for, without the class that it names itself."""
+    summary = find_grade(grade).summary
+    return summary.partition(": ")[2] if summary.startswith("class ") else summary
+
+
+def _origin(recipe: SweepRecipe, seeds: str) -> str:
+    sweep = recipe.sweep
+    if isinstance(sweep, SimulatedDrives):
+        return (
+            f"Simulated drives: {sweep.drives} per class of {sweep.duration_s:g} s, profile "
+            f"`{sweep.profile}`, {seeds}; the roads are the same for every class."
+        )
+    source = sweep.log.descriptor or sweep.log.path
+    name = source.stem if source is not None else "a real drive"
+    return (
+        f"Semi-synthetic: the real drive {name} with the gyro error of each class added to its own "
+        f"gyro, drawn with {seeds}. The drives of a class are one road, driven once."
+    )
+
+
+def _failed(failures: Sequence[Failure]) -> tuple[str, ...]:
+    if not failures:
+        return ()
+    told = "; ".join(
+        f"{one.grade} seed {one.seed}, {one.duration:g} s: {one.reason}" for one in failures
+    )
+    return (f"**Not run** ({len(failures)}), and not in the figures: {told}.",)
