@@ -60,7 +60,7 @@ FIXED: Final[dict[str, Callable[[MethodContext], Method]]] = {
 LEARNED: Final[dict[type[SpecBase], Callable[[MethodContext, Any], Method]]] = {
     AugmentedSpec: lambda context, spec: AugmentedMethod(context.runs, spec),
     AnarxSpec: lambda context, spec: AnarxMethod(context.runs, spec, context.keep),
-    PseudoOutageSpec: lambda context, spec: PseudoOutageMethod(context.runs, spec, None),
+    PseudoOutageSpec: lambda context, spec: PseudoOutageMethod(context.runs, spec, context.keep),
     AzimuthSpec: lambda context, spec: AzimuthMethod(context.runs, spec, context.keep),
 }
 """Builders of the methods that learn, by the class of their spec."""
