@@ -36,7 +36,11 @@ ROUGHLY = 0.5
 """The same before passes with gradients, each of which converges too, m."""
 
 TRUSTED = 20.0
-"""Largest move in a pass, m, after which the gate's verdicts are taken over."""
+"""Largest move in an early pass, m, after which the gate's verdicts are taken over."""
+
+EARLY = 3
+"""Passes that may still be far from the solution; a later one that moves far was told to by the
+verdicts, and forgetting them would only bring back the pass before."""
 
 
 def run_fast(
@@ -101,7 +105,7 @@ def _converged(
         if _reproduced(done) and moved < tolerance:
             return _Converged(record, done.judged.verdict, number)
         # what a first pass refuses may only be far from its guess
-        verdict = done.judged.verdict if moved < TRUSTED else None
+        verdict = done.judged.verdict if moved < TRUSTED or number > EARLY else None
     return None
 
 

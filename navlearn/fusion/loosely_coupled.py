@@ -157,7 +157,7 @@ class LooselyCoupledEkf(nn.Module):
         zero = torch.zeros_like(sample.dt)
         if rest is None:
             regressors = zero.unsqueeze(-1).expand(*zero.shape, len(self.model.errors.gyro_terms))
-            rest = Rest(zero, zero, regressors)
+            rest = Rest(zero, zero, regressors, zero)
         end = BlockEnd(sample, self._acceleration(sample, acceleration))
         occasion = Occasion(fix, zero if delay is None else delay, end, rest)
         carried = Carried(belief, torch.zeros_like(belief.covariance[..., 0]))

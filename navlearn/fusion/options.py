@@ -39,7 +39,8 @@ class NoiseOptions:
         velocity_floor: Added in quadrature to the receiver's velocity deviation, m/s.
         velocity_inflation: Factor on the receiver's velocity deviation.
         speed_noise: Noise of one odometer sample, as a velocity fix meets it, m/s.
-        zero_yaw_rate: Deviation of the mean yaw rate over one second of standstill, rad/s.
+        zero_yaw_rate: Deviation of the mean yaw rate over one second of standstill, rad/s; over
+            less than a second it is larger by the root of the time, over more it stays.
         zero_speed: Deviation of a zero-velocity measurement (Shen models), m/s.
     """
 
@@ -143,7 +144,7 @@ class EkfOptions:
             the Shen models observes velocity.
         course_speed: Slowest speed at which course is used, m/s.
         lever_arm: GNSS antenna from the point that navigates, body RFU, m.
-        standstill: Shortest standstill at a block's end that observes the gyro, s.
+        standstill: Shortest standstill up to a block's end that observes the gyro, s.
         max_block: Longest time between updates, s.
         noise: Noise densities and deviations.
         initial: Standard deviations at the start.

@@ -1,4 +1,8 @@
-"""What the gyro says while the car stands still at the end of a block."""
+"""What the gyro says while the car stands still at the end of a block.
+
+Blocks end at fixes. Where a receiver tells several a second, a standstill is longer than a block:
+how long the car has stood counts across blocks, what the gyro said only within one.
+"""
 
 from typing import NamedTuple
 
@@ -16,11 +20,13 @@ class Rest(NamedTuple):
         duration: How long the car has stood still at the block's end, within the block, s.
         yaw_rate: Mean measured yaw rate meanwhile, rad/s.
         regressors: Mean of each gyro term's regressor, shape (..., number of gyro terms).
+        standing: How long the car has stood still at the block's end, earlier blocks included, s.
     """
 
     duration: Tensor
     yaw_rate: Tensor
     regressors: Tensor
+    standing: Tensor
 
 
 def rest_at_end(errors: SensorErrors, samples: RissSample) -> Rest:
@@ -28,10 +34,11 @@ def rest_at_end(errors: SensorErrors, samples: RissSample) -> Rest:
 
     Args:
         errors: Sensor parameters of the filter.
-        samples: Samples, shape (..., n) each; dt = 0 pads.
+        samples: Samples of consecutive blocks, shape (..., K, n) each; dt = 0 pads.
 
     Returns:
-        Mean rate and regressors; zero where the car moves at the block's end.
+        Mean rate and regressors, batch shape (..., K); zero where the car moves at the block's
+        end.
     """
     step = torch.arange(samples.dt.shape[-1], device=samples.dt.device)
     moves = (samples.stationary <= 0.5) & (samples.dt > 0.0)
@@ -42,4 +49,21 @@ def rest_at_end(errors: SensorErrors, samples: RissSample) -> Rest:
     means = [(weight * gyro_regressor(t, samples)).sum(-1) for t in errors.gyro_terms]
     regressors = torch.stack(means, -1) if means else duration.new_zeros((*duration.shape, 0))
     yaw_rate = (weight * samples.yaw_rate).sum(-1)
-    return Rest(duration, per_second * yaw_rate, per_second.unsqueeze(-1) * regressors)
+    return Rest(
+        duration,
+        per_second * yaw_rate,
+        per_second.unsqueeze(-1) * regressors,
+        _across_blocks(duration, moves.any(-1)),
+    )
+
+
+def _across_blocks(duration: Tensor, moved: Tensor) -> Tensor:
+    """Return how long the car has stood still, counted since the last block that it moved in.
+
+    Args:
+        duration: Standstill at each block's end, s, shape (..., K).
+        moved: Whether the car moved in the block.
+    """
+    total = torch.cumsum(duration, -1)
+    before = torch.where(moved, total - duration, 0.0)
+    return total - torch.cummax(before, -1).values

@@ -134,7 +134,12 @@ def _possible(model: MeasurementModel, occasion: Occasion, kind: Kind) -> Tensor
         return occasion.fix.has_position > 0.5
     if kind in (Kind.VELOCITY, Kind.COURSE):
         return occasion.fix.has_velocity > 0.5
-    return occasion.rest.duration >= model.standstill
+    return _stands(model, occasion.rest)
+
+
+def _stands(model: MeasurementModel, rest: Rest) -> Tensor:
+    # a microsecond of slack: ten tenths of a second do not sum to one
+    return (rest.standing >= model.standstill - 1e-6) & (rest.duration > 0.0)
 
 
 class _Scene(NamedTuple):
@@ -238,7 +243,7 @@ def _course(scene: _Scene) -> _Part:
 def _zero_yaw_rate(scene: _Scene) -> _Part:
     model, belief, occasion, _, _, noise = scene
     rest, n = occasion.rest, model.layout.size
-    still = (rest.duration >= model.standstill).to(rest.duration)
+    still = _stands(model, rest).to(rest.duration)
     first = model.layout.first_sensor
     if model.errors.velocity_states:
         first += 1
@@ -250,13 +255,14 @@ def _zero_yaw_rate(scene: _Scene) -> _Part:
     innovation = rest.yaw_rate - known - earth
     observation = torch.nn.functional.pad(rest.regressors, (first, n - first - count))
     length = rest.duration.clamp(min=1e-3)
-    variance = noise.zero_yaw_rate**2 + noise.gyro_random_walk**2 / length
+    # the deviation is that of a second's mean; shorter ones must not count for as much
+    variance = noise.zero_yaw_rate**2 / length.clamp(max=1.0) + noise.gyro_random_walk**2 / length
     return _Part(innovation.unsqueeze(-1), observation.unsqueeze(-2), variance.unsqueeze(-1), still)
 
 
 def _zero_speed(scene: _Scene) -> _Part:
     model, belief, occasion, told, _, noise = scene
-    still = (occasion.rest.duration >= model.standstill).to(occasion.delay)
+    still = _stands(model, occasion.rest).to(occasion.delay)
     now = ground_velocity(
         model.errors,
         told,

@@ -87,7 +87,7 @@ def occasion_at(belief: Belief, samples: RissSample, push: torch.Tensor, still: 
         one,
     )
     last = RissSample(*(x[..., -1] for x in samples))
-    rest = Rest(zero, zero, torch.zeros(0))
+    rest = Rest(zero, zero, torch.zeros(0), zero)
     if still:
         last = last._replace(speed=zero, stationary=one)
     return Occasion(fix, zero + 0.03, BlockEnd(last, push[..., -1]), rest)
@@ -135,7 +135,7 @@ def test_observation_is_the_derivative_of_the_prediction(name, still):
     count = len(model.errors.gyro_terms)
     regressors = torch.linspace(1.0, 2.0, count, dtype=torch.float64)
     one = torch.ones_like(belief.state.lat)
-    occasion = occasion._replace(rest=Rest(one, 0.01 * one, regressors))
+    occasion = occasion._replace(rest=Rest(one, 0.01 * one, regressors, one))
     noise = noise_from_log(log_noise(NoiseOptions()))
 
     def predicted(correction):
@@ -194,11 +194,12 @@ def test_rest_is_the_mean_over_the_stationary_tail():
     dt = samples.dt.clone()
     dt[9] = 0.0
     model = filter_model(EkfOptions(gyro_terms=("bias", "scale")))
-    rest = rest_at_end(model.errors, samples._replace(stationary=still, dt=dt))
+    rows = RissSample(*(channel[None] for channel in samples._replace(stationary=still, dt=dt)))
+    rest = rest_at_end(model.errors, rows)
     assert float(rest.duration) == pytest.approx(0.06)
     mean = float(samples.yaw_rate[6:9].mean())
     assert float(rest.yaw_rate) == pytest.approx(mean)
-    torch.testing.assert_close(rest.regressors, torch.tensor([1.0, mean], dtype=torch.float64))
+    torch.testing.assert_close(rest.regressors, torch.tensor([[1.0, mean]], dtype=torch.float64))
 
 
 def test_zero_yaw_rate_knows_the_earth_rate():
@@ -208,7 +209,7 @@ def test_zero_yaw_rate_knows_the_earth_rate():
     occasion = occasion_at(belief, samples, push, still=True)
     one = torch.ones_like(belief.state.lat)
     told = 0.01 + 7.292115e-5 * math.sin(0.8)
-    occasion = occasion._replace(rest=Rest(one, told * one, one.unsqueeze(-1)))
+    occasion = occasion._replace(rest=Rest(one, told * one, one.unsqueeze(-1), one))
     noise = noise_from_log(log_noise(NoiseOptions()))
     found = measured(model.measurement, belief, occasion, noise)
     assert float(found.innovation[-1]) == pytest.approx(0.0, abs=1e-15)
