@@ -196,7 +196,9 @@ def opened(model: FilterModel, verdict: Tensor, measured: Measured, innovation: 
         if kind == Kind.POSITION:
             extra[:3] = [extra[i] + part[..., i] for i in range(3)]
         if kind in (Kind.VELOCITY, Kind.ZERO_SPEED) and layout.has_velocity:
-            extra[3:6] = [extra[3 + i] + part[..., i] for i in range(3)]
+            # Two rows where fixes tell no vertical velocity.
+            for i in range(part.shape[-1]):
+                extra[3 + i] = extra[3 + i] + part[..., i]
         if kind in (Kind.POSITION, Kind.VELOCITY, Kind.COURSE):
             extra[layout.azimuth] = extra[layout.azimuth] + azimuth * reset[..., kind]
         if kind == Kind.ZERO_YAW_RATE:
