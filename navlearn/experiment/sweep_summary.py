@@ -37,7 +37,9 @@ def sweep_summary(
         seeds={"recipe": recipe.seed}
         | {key: seed for spec in recipe.models for key, seed in spec.seeds.items()},
         classes={gyro_class(grade): _words(grade) for grade in sweep.grades},
-        remarks=(_origin(recipe, seeds), *_failed(failures)),
+        remarks=(*recipe.remarks, _origin(recipe, seeds), *_failed(failures)),
+        published=tuple(one.table() for one in recipe.published),
+        metric=recipe.metric,
         setup=(
             f"outages: {recipe.outages.count} per drive and length, placed by "
             f"`{recipe.outages.placement}`, none before {recipe.outages.warm_up_s:g} s",

@@ -7,15 +7,12 @@ leaves out has a default, and :meth:`Recipe.resolved` writes all of them down.
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Final
-
-from pydantic import AfterValidator
+from typing import Any, Final
 
 from navlearn.errors import ConfigError
-from navlearn.logs.nearest import nearest_hint
 from navlearn.outages.schedule import parse_outages
 from navlearn.recipe.experiment_base import VERSIONS, Experiment
-from navlearn.recipe.sections import LogSource, PublishedSection
+from navlearn.recipe.sections import LogSource
 from navlearn.recipe.spec import load_spec
 from navlearn.recipe.strict import parse
 from navlearn.recipe.yaml_file import YamlFile, read_yaml
@@ -26,30 +23,14 @@ ANY_ODOMETER: Final = ("scale", "delay", "offset")
 DEFAULT_METHODS: Final = ("dead_reckoning", "ekf_plain", "ekf", "anarx")
 
 
-def _known_figure(name: str) -> str:
-    from navlearn.outages.metrics import FIGURES
-
-    if name not in FIGURES:
-        raise ValueError(
-            f"unknown figure {name!r}{nearest_hint(name, FIGURES)}; known: {', '.join(FIGURES)}"
-        )
-    return name
-
-
 class Recipe(Experiment):
     """One experiment, complete.
 
     Attributes:
         log: The drive.
-        metric: Figure by which methods are compared, a column of ``outages.csv``.
-        remarks: Said in the report before anything else.
-        published: Tables of papers, printed beside ours.
     """
 
     log: LogSource
-    metric: Annotated[str, AfterValidator(_known_figure)] = "max_horizontal_error_m"
-    remarks: tuple[str, ...] = ()
-    published: tuple[PublishedSection, ...] = ()
 
 
 def load_recipe(path: str | Path) -> Recipe:

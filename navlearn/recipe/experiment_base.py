@@ -13,6 +13,7 @@ from navlearn.recipe.sections import (
     CalibrationSection,
     MechanizationSection,
     OutageSection,
+    PublishedSection,
     TrainingSection,
 )
 from navlearn.recipe.spec import BUILT_IN, ModelSpec
@@ -24,6 +25,16 @@ if TYPE_CHECKING:
 
 VERSIONS: Final = "versions"
 """Key of a resolved recipe that is not the recipe's own."""
+
+
+def _known_figure(name: str) -> str:
+    from navlearn.outages.metrics import FIGURES
+
+    if name not in FIGURES:
+        raise ValueError(
+            f"unknown figure {name!r}{nearest_hint(name, FIGURES)}; known: {', '.join(FIGURES)}"
+        )
+    return name
 
 
 class Experiment(Section):
@@ -40,6 +51,9 @@ class Experiment(Section):
         outages: Where GNSS is taken away.
         training: What error models learn from.
         calibration: How late streams are stamped.
+        metric: Figure by which methods are compared, a column of ``outages.csv``.
+        remarks: Said in the report before anything else.
+        published: Tables of papers, printed beside ours.
         seed: Seed of everything that is drawn and has no seed of its own.
     """
 
@@ -52,6 +66,9 @@ class Experiment(Section):
     outages: OutageSection = OutageSection()
     training: TrainingSection = TrainingSection()
     calibration: CalibrationSection = CalibrationSection()
+    metric: Annotated[str, AfterValidator(_known_figure)] = "max_horizontal_error_m"
+    remarks: tuple[str, ...] = ()
+    published: tuple[PublishedSection, ...] = ()
     seed: Seed = 0
 
     @model_validator(mode="before")

@@ -104,6 +104,12 @@ class DegradedDrives(Drives):
     drives: Count = 1
     durations_s: Durations = (60.0,)
 
+    @model_validator(mode="after")
+    def _spoilt_once(self) -> "DegradedDrives":
+        if self.log.gyro is not None:
+            raise ValueError("log.gyro: the sweep's grades tell the gyro's error; leave it out")
+        return self
+
 
 SweptDrives = Annotated[SimulatedDrives | DegradedDrives, Field(discriminator="type")]
 
