@@ -1,29 +1,28 @@
-"""FOS among 6,216 candidates: seconds, memory, true terms found; and correlated inputs.
+"""FOS: seconds of a refit, from scratch, sliding, many windows at once; and what noise makes of it.
 
-Ten channels with lags 0 to 10, second order, ten true terms, noise a tenth of the signal. Times
-are CPU seconds of one thread with the lagging of the inputs in it; memory is what the highest
-resident size of the process grew by. Orthogonal matching pursuit of scikit-learn runs on the same
-work where it is installed; its matrix of candidates is built outside its time. Command:
+Four parts, CPU time of one thread, with the lagging of the inputs in it:
+    large    6,216 candidates (ten channels, lags 0 to 10, second order), ten true terms, noise a
+             tenth of the signal; ``fos_peers.py`` sets others beside it
+    refit    a window of 60 s, refitted after each new second: by ``fit_fos`` and by ``SlidingFos``
+    batch    windows one after another, and all at once
+    noise    white noise as target, inputs white and coloured: draws of 200 in which any term was
+             accepted, and terms per draw, by both rules of acceptance
+Command:
 
-    python benchmarks/fos.py [--rows 600 6000] [--repeats 5] [--seeds 5]
+    python benchmarks/fos.py [--rows 600 6000] [--repeats 5] [--draws 200] [--parts large refit ...]
 """
 
 import argparse
-import resource
 import time
 
 import torch
 
 from navlearn.error_models.fos_candidates import lagged_columns
-from navlearn.error_models.fos_fit import fit_fos
+from navlearn.error_models.fos_fit import fit_fos, fit_fos_batch
 from navlearn.error_models.fos_options import FosOptions
+from navlearn.error_models.fos_sliding import SlidingFos
 
 LAGS, CHANNELS, TERMS = 10, 10, 10
-
-
-def highest_megabytes():
-    """Return the highest resident size of the process so far, MB."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
 def make_work(rows, seed, correlation=0.0, noise=0.1):
@@ -61,72 +60,130 @@ def chosen_pairs(model):
     return {tuple(pair) for pair in pairs}
 
 
-def time_ours(rows, repeats):
-    """Print the time, memory and terms of a fit."""
-    u, y, true, _ = make_work(rows, seed=0)
-    before, spent = highest_megabytes(), []
+def seconds_of(work, repeats):
+    """Return the least CPU time of a piece of work, s."""
+    spent = []
     for _ in range(repeats):
         begin = time.process_time()
-        model = fit_fos(u, y, options=FosOptions(lags=LAGS, max_terms=TERMS)).model
+        work()
         spent.append(time.process_time() - begin)
-    grown = highest_megabytes() - before
-    found = len(true & chosen_pairs(model))
-    print(
-        f"{rows:6} rows  ours        {min(spent):7.4f} s {grown:7.1f} MB  {found} of {TERMS} terms"
-    )
+    return min(spent)
 
 
-def time_peer(rows, repeats):
-    """Print the same for scikit-learn, its matrix counted in the memory alone."""
-    try:
-        from sklearn.linear_model import OrthogonalMatchingPursuit
-    except ImportError:
-        print(f"{rows:6} rows  scikit-learn is not installed")
-        return
-    _, y, true, x = make_work(rows, seed=0)
-    before, spent = highest_megabytes(), []
-    every = torch.triu_indices(x.shape[0], x.shape[0]).T
-    matrix = (x[every[:, 0]] * x[every[:, 1]]).T.numpy()
-    target = y[LAGS:, 0].numpy()
-    for _ in range(repeats):
-        peer = OrthogonalMatchingPursuit(n_nonzero_coefs=TERMS, fit_intercept=False)
+def large(args):
+    print("large: rows, seconds, true terms found")
+    for rows in args.rows:
+        u, y, true, _ = make_work(rows, seed=0)
+        options = FosOptions(lags=LAGS, max_terms=TERMS)
+        found = len(true & chosen_pairs(fit_fos(u, y, options=options).model))
+        spent = seconds_of(lambda u=u, y=y, o=options: fit_fos(u, y, options=o), args.repeats)
+        print(f"{rows:6} {spent:8.4f} s  {found} of {TERMS}")
+
+
+def slide_and_refit(inputs, window, step, options, refits):
+    """Return the mean CPU seconds of a refit from scratch, and sliding with its pushes."""
+    generator = torch.Generator().manual_seed(0)
+    rows = window + step * (refits + 1)
+    u = torch.randn(rows, inputs, generator=generator).double()
+    y = u[:, :1] * u[:, 1:2] + 0.7 * u[:, 2:3] + 0.5 * u[:, :1] * u[:, 2:3]
+    y = 0.3 + y + 0.5 * torch.randn(rows, 1, generator=generator).double()
+    sliding, spent = SlidingFos(inputs, window, options), [0.0, 0.0]
+    sliding.push(u[:window], y[:window])
+    sliding.fit()
+    for k in range(refits + 1):
+        rows = slice(window + k * step, window + (k + 1) * step)
         begin = time.process_time()
-        peer.fit(matrix, target)
-        spent.append(time.process_time() - begin)
-    grown = highest_megabytes() - before
-    found = len(true & {tuple(every[k].tolist()) for k in peer.coef_.nonzero()[0]})
-    print(
-        f"{rows:6} rows  sklearn OMP {min(spent):7.4f} s {grown:7.1f} MB  {found} of {TERMS} terms"
-    )
+        sliding.push(u[rows], y[rows])
+        carried = sliding.fit()
+        middle = time.process_time()
+        last = slice(rows.stop - window, rows.stop)
+        anew = fit_fos(u[last], y[last], options=options)
+        end = time.process_time()
+        if carried.model.terms != anew.model.terms:
+            raise SystemExit("sliding and scratch chose other terms")
+        if k > 0:
+            spent[0] += (end - middle) / refits
+            spent[1] += (middle - begin) / refits
+    return spent
 
 
-def correlated_inputs(rows, seeds):
-    """Print the true terms found where inputs hardly change, with and without exchange."""
-    for sweeps in (0, 20):
-        options = FosOptions(lags=LAGS, max_terms=TERMS, false_alarm=1.0, exchange_sweeps=sweeps)
-        found, begin = [], time.process_time()
-        for seed in range(seeds):
-            u, y, true, _ = make_work(rows, seed, correlation=0.98, noise=0.5)
-            found.append(len(true & chosen_pairs(fit_fos(u, y, options=options).model)))
-        spent = (time.process_time() - begin) / seeds
+def refit(args):
+    print("refit of a 60 s window, at most 8 terms, 4 true: candidates, scratch, sliding, ratio")
+    paper, many = FosOptions(lags=1, max_terms=8), FosOptions(lags=LAGS, max_terms=8)
+    for title, inputs, window, step, options in (
+        ("1 Hz, 60 rows, 3 inputs", 3, 60, 1, paper),
+        ("10 Hz, 600 rows, 3 inputs", 3, 600, 10, paper),
+        ("10 Hz, 600 rows, 9 inputs", 9, 600, 10, paper),
+        ("10 Hz, 600 rows, 10 inputs, lags 0 to 10", 10, 600, 10, many),
+        ("100 Hz, 6000 rows, 9 inputs", 9, 6000, 100, paper),
+        ("100 Hz, 6000 rows, 10 inputs, lags 0 to 10", 10, 6000, 100, many),
+    ):
+        columns = 1 + inputs * (options.lags + 1)
+        size = columns * (columns + 1) // 2
+        scratch, carried = slide_and_refit(inputs, window, step, options, 4 * args.repeats)
         print(
-            f"{rows:6} rows  correlation 0.98, noise 0.5, at most {sweeps:2} exchange sweeps: "
-            f"{sum(found)} of {TERMS * seeds} terms {found}, {spent:.2f} s each with the data"
+            f"{title:42} {size:5} {1e3 * scratch:7.2f} ms {1e3 * carried:7.2f} ms "
+            f"{scratch / carried:5.1f}"
         )
+
+
+def batch(args):
+    print("windows at once, at most 8 terms: one by one, together, ratio")
+    options = FosOptions(lags=1, max_terms=8, false_alarm=1.0)
+    generator = torch.Generator().manual_seed(0)
+    for windows, rows, inputs in ((64, 60, 3), (64, 600, 3), (16, 600, 9)):
+        u = torch.randn(windows, rows, inputs, generator=generator).double()
+        y = u[..., :1] * u[..., 1:2] + torch.randn(windows, rows, 1, generator=generator).double()
+        pairs = list(zip(u, y, strict=True))
+        alone = seconds_of(lambda p=pairs: [fit_fos(*one, options=options) for one in p], 2)
+        together = seconds_of(lambda u=u, y=y: fit_fos_batch(u, y, options=options), args.repeats)
+        print(
+            f"{windows:4} windows, {rows:4} rows, {inputs:2} inputs {1e3 * alone:8.1f} ms "
+            f"{1e3 * together:8.1f} ms {alone / together:5.1f}"
+        )
+
+
+def noise_terms(draws, rows, inputs, lags, colour, acceptance):
+    """Return the number of terms accepted in each draw of white noise as target."""
+    generator = torch.Generator().manual_seed(7)
+    options = FosOptions(lags=lags, max_terms=8, acceptance=acceptance)
+    counts = []
+    while len(counts) < draws:
+        size = min(20, draws - len(counts))
+        u = torch.randn(size, rows, inputs, generator=generator).double()
+        for k in range(1, rows):
+            u[:, k] = colour * u[:, k - 1] + (1.0 - colour**2) ** 0.5 * u[:, k]
+        y = torch.randn(size, rows, 1, generator=generator).double()
+        counts += [len(one.model.terms) for one in fit_fos_batch(u, y, options=options)]
+    return counts
+
+
+def noise(args):
+    print(f"white noise as target: of {args.draws} draws, with any term; terms per draw")
+    for rows, inputs, lags in ((60, 1, 1), (60, 3, 1), (60, 9, 1), (600, 9, 1), (600, 10, 10)):
+        columns = 1 + inputs * (lags + 1)
+        for colour in (0.0, 0.98):
+            line = f"{rows:4} rows {columns * (columns + 1) // 2:5} candidates, inputs {colour:4}: "
+            for rule in ("default", "paper"):
+                counts = noise_terms(args.draws, rows, inputs, lags, colour, rule)
+                some = sum(count > 0 for count in counts)
+                line += f"  {rule} {some:3}, {sum(counts) / len(counts):4.2f}"
+            print(line)
+
+
+PARTS = {"large": large, "refit": refit, "batch": batch, "noise": noise}
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rows", type=int, nargs="+", default=[600, 6000])
     parser.add_argument("--repeats", type=int, default=5)
-    parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--draws", type=int, default=200)
+    parser.add_argument("--parts", nargs="+", choices=sorted(PARTS), default=list(PARTS))
     args = parser.parse_args()
     torch.set_num_threads(1)
-    for rows in args.rows:
-        time_ours(rows, args.repeats)
-    correlated_inputs(args.rows[0], args.seeds)
-    for rows in args.rows:
-        time_peer(rows, args.repeats)
+    for part in args.parts:
+        PARTS[part](args)
 
 
 if __name__ == "__main__":

@@ -10,8 +10,10 @@ FOLDER = Path(__file__).parents[1] / "benchmarks"
 SMALLEST = {
     "anarx": ["--samples", "300", "--iterations", "3"],
     "ekf": ["--minutes", "1", "--window", "10", "--repeat", "1"],
-    "fos": ["--rows", "100", "--repeats", "1", "--seeds", "1"],
+    "fos": ["--rows", "100", "--repeats", "1", "--draws", "2"],
+    "fos_peers": ["--rows", "100", "--repeats", "1", "--noise", "0.3", "--seeds", "1"],
     "mechanization": ["--repeats", "1", "--loop-samples", "100"],
+    "pci": ["--repeats", "1", "--windows", "2", "--draws", "2", "--rows", "100"],
     "predictor": ["--rows", "20", "--repeats", "1"],
     "simulated_drives": ["--grades", "mems_m", "--drives", "1", "--outages", "1x30"],
     "simulator": ["--hours", "0.05"],

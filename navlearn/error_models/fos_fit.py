@@ -12,7 +12,7 @@ from navlearn.error_models.base import FittedErrorModel, TrainingSource
 from navlearn.error_models.fos_candidates import Candidates, lagged_columns
 from navlearn.error_models.fos_options import FosOptions
 from navlearn.error_models.fos_outcome import Outcome, build_fitted, read_outcomes
-from navlearn.error_models.fos_refine import exchange_terms, search_backward
+from navlearn.error_models.fos_refine import exchange_terms, kick_terms, search_backward
 from navlearn.error_models.fos_search import Search, search_forward, start_search
 from navlearn.errors import FitError, ShapeError
 
@@ -93,6 +93,7 @@ def finish_search(search: Search) -> None:
     """Search, exchange and drop as the options say."""
     search_forward(search)
     exchange_terms(search)
+    kick_terms(search)
     if search.options.backward:
         search_backward(search)
 

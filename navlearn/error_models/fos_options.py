@@ -22,6 +22,9 @@ class FosOptions:
         ridge: Penalty on each coefficient, as a share of its candidate's own energy; the
             constant goes free.
         exchange_sweeps: Most sweeps that try to swap every term for a better candidate.
+        kicks: Times that three terms, drawn at random, are dropped, searched and exchanged anew;
+            kept where the residual has less energy for it.
+        seed: Seed of what the kicks draw.
         backward: After the search, drops terms that the rule would not accept.
         collinearity: A candidate whose share of energy left outside the chosen terms is below
             this is not considered.
@@ -34,17 +37,19 @@ class FosOptions:
     degree: int = 2
     max_terms: int = 8
     acceptance: str = "default"
-    false_alarm: float = 0.05
+    false_alarm: float = 0.02
     target_error: float = 0.0
     ridge: float = 0.0
     exchange_sweeps: int = 0
+    kicks: int = 0
+    seed: int = 0
     backward: bool = False
     collinearity: float = 1e-8
     safeguard: bool = True
     output_limit: float = 5.0
 
     def __post_init__(self) -> None:
-        for name in ("lags", "output_lags", "exchange_sweeps", "target_error", "ridge"):
+        for name in ("lags", "output_lags", "exchange_sweeps", "kicks", "target_error", "ridge"):
             if not getattr(self, name) >= 0:
                 raise ConfigError(f"fos: {name} is {getattr(self, name)}; it must not be negative")
         if self.degree not in (1, 2):

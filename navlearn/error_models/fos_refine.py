@@ -1,8 +1,8 @@
-"""What FOS does after its search: exchange terms for better ones, and drop weak ones.
+"""What FOS does after its search: exchange terms for better ones, drop weak ones, try elsewhere.
 
 The search never looks back. Where candidates are strongly correlated, its first terms stand in
 for several true ones; swapping each for the best candidate beside the others, until no swap gains,
-mends that. All windows are refined side by side.
+mends that; a kick leads on from where no single swap gains. All windows are refined side by side.
 """
 
 import torch
@@ -10,22 +10,37 @@ from torch import Tensor
 
 from navlearn.error_models.fos_search import Search
 
+KICKED = 3
+"""Terms that a kick drops."""
+
 
 def exchange_terms(search: Search) -> Tensor:
     """Swap terms for better candidates until none gains; return the swaps of each window, (B,)."""
-    swaps = torch.zeros_like(search.chosen[:, 0])
-    going = torch.ones_like(swaps, dtype=torch.bool)
-    for _ in range(search.options.exchange_sweeps):
-        before = swaps.clone()
-        for place in range(search.chosen.shape[1]):
-            turn = going & search.used[:, place]
-            if bool(turn.any()):
-                swaps += _exchange(search, place, turn).long()
-        going = swaps > before
-        if not bool(going.any()):
-            break
+    swaps = _sweep(search)
     search.note_errors(swaps > 0)
     return swaps
+
+
+def kick_terms(search: Search) -> Tensor:
+    """Drop some terms at random, search and exchange again; return the kicks that gained, (B,)."""
+    generator = torch.Generator().manual_seed(search.options.seed)
+    slots = search.chosen.shape[1]
+    gained = torch.zeros_like(search.chosen[:, 0])
+    for _ in range(search.options.kicks):
+        before = search.copy_state()
+        places = torch.randperm(slots, generator=generator)[:KICKED].tolist()
+        dropped = search.used[:, places]
+        for place, windows in zip(places, dropped.unbind(1), strict=True):
+            search.drop(torch.full_like(gained, place), windows)
+        for place, windows in zip(places, dropped.unbind(1), strict=True):
+            index, reduction = search.best()
+            search.add(place, index, search.gram_rows(index), windows & (reduction > 0.0))
+        _sweep(search)
+        better = search.error < before.error * (1.0 - 1e-9)
+        search.put_back(before, ~better)
+        search.note_errors(better)
+        gained += better.long()
+    return gained
 
 
 def search_backward(search: Search) -> Tensor:
@@ -41,6 +56,22 @@ def search_backward(search: Search) -> Tensor:
         search.drop(place, weak)
         search.note_errors(weak)
         dropped += weak.long()
+
+
+def _sweep(search: Search) -> Tensor:
+    """Exchange every term, sweep after sweep; return the swaps of each window, shape (B,)."""
+    swaps = torch.zeros_like(search.chosen[:, 0])
+    going = torch.ones_like(swaps, dtype=torch.bool)
+    for _ in range(search.options.exchange_sweeps):
+        before = swaps.clone()
+        for place in range(search.chosen.shape[1]):
+            turn = going & search.used[:, place]
+            if bool(turn.any()):
+                swaps += _exchange(search, place, turn).long()
+        going = swaps > before
+        if not bool(going.any()):
+            break
+    return swaps
 
 
 def _exchange(search: Search, place: int, windows: Tensor) -> Tensor:

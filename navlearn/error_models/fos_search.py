@@ -10,7 +10,7 @@ windows, side by side.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -21,6 +21,9 @@ from navlearn.error_models.fos_options import FosOptions
 ENOUGH = "target error reached"
 FULL = "largest number of terms"
 NOISE = "no candidate above the level of white noise"
+
+MOVING = ("energy", "corr", "error", "chosen", "used", "gram")
+"""What adding and dropping terms changes in a search."""
 
 
 @dataclass
@@ -111,6 +114,17 @@ class Search:
         hit = torch.nonzero(windows).squeeze(1)
         self.used[hit, place[hit]] = False
 
+    def copy_state(self) -> "Search":
+        """Return a search that stands where this one does."""
+        return replace(self, **{name: getattr(self, name).clone() for name in MOVING})
+
+    def put_back(self, other: "Search", windows: Tensor) -> None:
+        """Return the windows of a mask to where another search stands."""
+        for name in MOVING:
+            mine, its = getattr(self, name), getattr(other, name)
+            mask = windows.reshape(-1, *[1] * (mine.ndim - 1))
+            setattr(self, name, torch.where(mask, its, mine))
+
     def factor(self) -> Tensor:
         """Return the Cholesky factor of the terms' Gram matrix, ones elsewhere, (B, K, K)."""
         columns = self.chosen.unsqueeze(1).expand(-1, self.chosen.shape[1], -1)
@@ -200,11 +214,13 @@ def search_forward(search: Search) -> None:
         enough = (search.error.clamp(min=0.0) / search.weight).sqrt() <= options.target_error
         full = count == options.max_terms
         noise = reduction <= search.levels(count) * search.error
-        for reason, holds in ((NOISE, noise), (FULL, full), (ENOUGH, enough)):
-            for window in torch.nonzero(going & holds).flatten().tolist():
-                search.stopped[window] = reason
-        going = going & ~(enough | full | noise)
-        if not bool(going.any()):
-            return
+        ends = going & (enough | full | noise)
+        if bool(ends.any()):
+            for reason, holds in ((NOISE, noise), (FULL, full), (ENOUGH, enough)):
+                for window in torch.nonzero(ends & holds).flatten().tolist():
+                    search.stopped[window] = reason
+            going = going & ~ends
+            if not bool(going.any()):
+                return
         search.add(place, index, search.gram_rows(index), going)
         search.note_errors(going)

@@ -27,6 +27,7 @@ def windows(count=7, rows=90, correlated=0.7):
         {"degree": 1, "output_lags": 2},
         {"ridge": 0.02, "false_alarm": 1.0, "max_terms": 5},
         {"exchange_sweeps": 5, "backward": True},
+        {"exchange_sweeps": 2, "kicks": 4, "false_alarm": 1.0, "max_terms": 4},
         {"acceptance": "paper", "exchange_sweeps": 1, "target_error": 0.4},
     ],
 )

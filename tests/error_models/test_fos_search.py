@@ -4,11 +4,11 @@ import torch
 from scipy.stats import beta
 
 from navlearn.error_models.fos_candidates import Candidates, factor_list, lagged_columns
-from navlearn.error_models.fos_fit import fit_fos
-from navlearn.error_models.fos_level import noise_level
+from navlearn.error_models.fos_fit import fit_fos, fit_fos_batch
+from navlearn.error_models.fos_level import accepted_share, noise_level
 from navlearn.error_models.fos_options import FosOptions
 from navlearn.error_models.fos_outcome import read_outcomes
-from navlearn.error_models.fos_refine import exchange_terms, search_backward
+from navlearn.error_models.fos_refine import exchange_terms, kick_terms, search_backward
 from navlearn.error_models.fos_search import search_forward, start_search
 from navlearn.errors import ConfigError, ShapeError
 
@@ -149,23 +149,39 @@ def test_noise_level_is_the_beta_quantile(rows, candidates):
     assert noise_level(rows, 3, candidates, 0.05) == pytest.approx(expected, rel=0.01)
 
 
-def accepted_on_noise(draws):
+def accepted_on_noise(draws, rows=300, inputs=3, lags=3, colour=0.0, acceptance="default"):
+    """Return in how many draws of white noise as target any term was accepted."""
     generator = torch.Generator().manual_seed(11)
-    accepted = 0
-    for _ in range(draws):
-        u = torch.randn(300, 3, generator=generator).double()
-        y = torch.randn(300, 1, generator=generator).double()
-        accepted += len(fit_fos(u, y, options=FosOptions(lags=3)).model.terms) > 0
-    return accepted
+    u = torch.randn(draws, rows, inputs, generator=generator).double()
+    for k in range(1, rows):
+        u[:, k] = colour * u[:, k - 1] + (1.0 - colour**2) ** 0.5 * u[:, k]
+    y = torch.randn(draws, rows, 1, generator=generator).double()
+    options = FosOptions(lags=lags, acceptance=acceptance)
+    parts = zip(u.split(20), y.split(20), strict=True)
+    return sum(
+        len(found.model.terms) > 0
+        for u, y in parts
+        for found in fit_fos_batch(u, y, options=options)
+    )
 
 
-def test_white_noise_has_no_terms():
-    assert accepted_on_noise(60) <= 3
+@pytest.mark.parametrize("colour", [0.0, 0.95])
+def test_white_noise_has_no_terms(colour):
+    assert accepted_on_noise(60, colour=colour) <= 3
 
 
 @pytest.mark.slow
-def test_white_noise_has_no_terms_in_many_draws():
-    assert accepted_on_noise(200) <= 10
+@pytest.mark.parametrize("colour", [0.0, 0.98])
+@pytest.mark.parametrize(
+    ("rows", "inputs", "lags"), [(60, 1, 1), (60, 3, 1), (60, 9, 1), (600, 9, 1), (600, 10, 10)]
+)
+def test_white_noise_has_no_terms_in_many_draws(rows, inputs, lags, colour):
+    assert accepted_on_noise(200, rows, inputs, lags, colour) <= 10
+
+
+@pytest.mark.slow
+def test_the_rule_of_the_papers_finds_terms_in_white_noise():
+    assert accepted_on_noise(200, 60, 9, 1, acceptance="paper") > 190
 
 
 def test_finds_ten_true_terms_of_6216():
@@ -217,6 +233,26 @@ def test_exchange_never_loses_and_ends_where_no_swap_helps(ridge):
     assert swapped > 0
 
 
+def test_kicks_lead_out_of_where_no_single_swap_gains():
+    options = FosOptions(lags=3, max_terms=6, false_alarm=1.0, exchange_sweeps=20, kicks=12)
+    gained = 0
+    for seed in range(6):
+        u, y = record(rows=50, seed=seed, correlated=0.97)
+        search = Found(u, y, options)
+        exchange_terms(search.search)
+        before = search.errors[-1]
+        kicks = int(kick_terms(search.search))
+        gained += kicks
+        p, pairs = matrix(u, y, options)
+        a = p[:, [pairs.index(pair) for pair in search.chosen]]
+        last = ((y[3:].numpy() - a @ np.linalg.lstsq(a, y[3:].numpy(), rcond=None)[0]) ** 2).sum()
+        np.testing.assert_allclose(float(search.search.error), last, rtol=1e-8)
+        np.testing.assert_allclose(search.errors[-1], last, rtol=1e-8)
+        assert len(set(search.chosen)) == 6
+        assert last < before if kicks else last == pytest.approx(before)
+    assert gained > 0
+
+
 def test_backward_drops_what_noise_could_stand_for():
     u, y = record(rows=400)
     greedy = FosOptions(lags=2, max_terms=12, false_alarm=1.0)
@@ -250,11 +286,35 @@ def test_target_error_stops():
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"degree": 3}, {"lags": -1}, {"max_terms": 0}, {"false_alarm": 0.0}, {"ridge": -1.0}]
+    "wrong",
+    [
+        {"degree": 3},
+        {"lags": -1},
+        {"max_terms": 0},
+        {"false_alarm": 0.0},
+        {"ridge": -1.0},
+        {"kicks": -1},
+        {"acceptance": "p"},
+    ],
 )
 def test_wrong_options(wrong):
     with pytest.raises(ConfigError):
         FosOptions(**wrong)
+
+
+def test_the_rule_of_the_papers_counts_rows_alone():
+    options = FosOptions(acceptance="paper", false_alarm=1e-6)
+    assert accepted_share(200.0, 3, 500, options) == pytest.approx(0.02)
+    assert accepted_share(3.0, 0, 5, options) == 1.0
+    generator = torch.Generator().manual_seed(0)
+    u = torch.randn(63, 3, generator=generator).double()
+    y = torch.randn(63, 1, generator=generator).double()
+    terms = {
+        rule: len(fit_fos(u, y, options=FosOptions(lags=3, acceptance=rule)).model.terms)
+        for rule in ("default", "paper")
+    }
+    assert terms["default"] == 0
+    assert terms["paper"] >= 4
 
 
 def test_wrong_shapes():
