@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from navlearn.outages.canvas import INK, Dash, new_figure, save, styles, tidy
+from navlearn.outages.canvas import INK, new_figure, save, styles, tidy
 from navlearn.outages.roles import Role, oracles_last
 from navlearn.outages.statistics import MARGIN_PERCENT
 
@@ -54,7 +54,7 @@ def plot_improvements(path: Path, table: pd.DataFrame) -> Path:
             axes.axvspan(MARGIN_PERCENT, 0.0, color=SHADE, linewidth=0.0, zorder=0)
             axes.axvline(0.0, color=INK, linewidth=0.9, zorder=1)
             for _, line in part.iterrows():
-                _gain(axes, -methods.index(line["method"]), line, look[line["method"]], left)
+                _gain(axes, -methods.index(line["method"]), line, look[line["method"]][0], left)
             tidy(axes)
             axes.set_title(f"{gyro_class}, {duration:g} s", color=INK, fontsize=10)
             if part.empty:
@@ -66,14 +66,13 @@ def plot_improvements(path: Path, table: pd.DataFrame) -> Path:
     return save(figure, path)
 
 
-def _gain(axes: "Axes", place: int, line: "pd.Series", look: tuple[str, Dash], left: float) -> None:
-    color, dash = look
+def _gain(axes: "Axes", place: int, line: "pd.Series", color: str, left: float) -> None:
     gain, low, high = (
         float(line[name]) for name in ("improvement_percent", "low_percent", "high_percent")
     )
     if math.isfinite(low + high):
         ends = [max(low, left), max(high, left)]
-        axes.plot(ends, [place, place], color=color, linestyle=dash, linewidth=2.0)
+        axes.plot(ends, [place, place], color=color, linewidth=2.0)
     if gain >= left:
         marker = MARKERS[line["role"]]
         axes.plot(

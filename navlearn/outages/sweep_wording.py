@@ -83,12 +83,14 @@ def _groups(learned: pd.DataFrame) -> list[str]:
 def _gain(line: "pd.Series") -> str:
     if line["ties"] == line["pairs"] and line["failed_alone"] == 0:
         return f"**{line['method']}** (never acted)"
-    said = percent(line["improvement_percent"])
+    behind = []
     if math.isfinite(line["low_percent"]):
-        said += f", {percent(line['low_percent'])} to {percent(line['high_percent'])}"
-    if math.isfinite(line["oracle_share_percent"]):
-        said += f", {line['oracle_share_percent']:.0f} % of the oracle's gain".replace("-", "−")
-    return f"**{line['method']}** ({said})"
+        low = percent(line["low_percent"]).removesuffix(" %")
+        behind.append(f"{low} to {percent(line['high_percent'])}")
+    if line["oracle_share_percent"] > 0.0:
+        behind.append(f"{line['oracle_share_percent']:.0f} % of the oracle's gain")
+    shown = f" ({'; '.join(behind)})" if behind else ""
+    return f"**{line['method']}** {percent(line['improvement_percent'])}{shown}"
 
 
 def _bounds(part: pd.DataFrame) -> str:
@@ -134,8 +136,8 @@ def _safeguard(methods: Mapping[str, MethodSummary], table: pd.DataFrame) -> lis
             f"{percent(line['improvement_percent'])}."
         ]
     cases = "; ".join(
-        f"**{line['method']}** in {_where(line)} ({percent(line['improvement_percent'])})"
-        for _, line in worse.iterrows()
+        f"**{name}** in " + ", ".join(_where_and_gain(line) for _, line in lines.iterrows())
+        for name, lines in worse.groupby("method", sort=False)
     )
     return [
         f"**The safeguard does not hold**: worse than {margin} on the mean, though safeguarded: "
@@ -155,6 +157,10 @@ def _failures(table: pd.DataFrame) -> list[str]:
         f"Failed outages: {cases}. Averages leave them out, harm counts hold them, and with them "
         "no method is called helpful or harmless."
     ]
+
+
+def _where_and_gain(line: "pd.Series") -> str:
+    return f"{_where(line)} ({percent(line['improvement_percent'])})"
 
 
 def _where(line: "pd.Series") -> str:
