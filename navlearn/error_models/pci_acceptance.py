@@ -8,19 +8,21 @@ from torch import Tensor
 
 
 def acceptance_threshold(
-    rows: Tensor, freedom: Tensor, candidates: int, level: float, paper: bool
+    rows: Tensor, freedom: Tensor, ways: int, level: float, paper: bool
 ) -> Tensor:
     """Return the least share of the residual's power that a candidate must explain.
 
     The ``paper`` test is 4 / rows. It leaves out that the response and the polynomial were fitted
     to the residual, and that the best of a batch is taken. Here the log-likelihood ratio
-    −rows · ln(1 − share) is held against χ² of as many degrees of freedom as were fitted, at
-    ``level`` over the number of candidates (Bonferroni).
+    −rows · ln(1 − share) is held against χ² of as many degrees of freedom as there are taps and
+    powers. The candidates of a batch that read the same channels share their taps, so their
+    number hardly matters: on white noise the best of 16 reaches what the best of 256 does, and
+    both stay below this χ². Only the ways to read the channels are counted (Bonferroni).
 
     Args:
         rows: Effective number of rows of each window, shape (B,).
-        freedom: Values fitted by each candidate, shape (M,).
-        candidates: Number tried in the batch.
+        freedom: Taps and powers of each candidate, shape (M,).
+        ways: Number of sets of channels that candidates read.
         level: Chance of a false acceptance in the batch.
         paper: Applies the test of the paper.
 
@@ -29,7 +31,7 @@ def acceptance_threshold(
     """
     if paper:
         return (4.0 / rows).unsqueeze(-1).expand(-1, freedom.shape[0])
-    quantile = [chi_squared_quantile(k, level / candidates) for k in freedom.tolist()]
+    quantile = [chi_squared_quantile(k, level / ways) for k in freedom.tolist()]
     return -torch.expm1(-torch.tensor(quantile, dtype=torch.float64) / rows.unsqueeze(-1))
 
 

@@ -169,7 +169,8 @@ def _best(live: _Live, draw: Draw, start: Tensor, options: PciOptions) -> tuple[
         left = autocorrelations(left.unsqueeze(-1), root)
         count = effective_rows(count, live.correlations, left)
     freedom = draw.reads.sum(-1).double() + options.degree
-    least = acceptance_threshold(count, freedom, len(freedom), options.level, paper)
+    ways = 1 if options.inputs == 1 else options.inputs + 1
+    least = acceptance_threshold(count, freedom, ways, options.level, paper)
     passes = explained > least * power.unsqueeze(-1)
     place = torch.where(passes, explained, -1.0).argmax(-1)
     each = torch.arange(len(place))

@@ -1,20 +1,13 @@
-"""PCI against plain loops, against systems that are known, and on noise."""
+"""PCI against plain loops and against systems that are known."""
 
 import itertools
-import math
 import re
 
 import pytest
 import torch
-from scipy.stats import chi2
 
 from navlearn.error_models.base import ErrorModel
 from navlearn.error_models.pci import PciModel, PciOptions
-from navlearn.error_models.pci_acceptance import (
-    acceptance_threshold,
-    autocorrelations,
-    effective_rows,
-)
 from navlearn.error_models.pci_candidates import (
     Draw,
     draw_candidates,
@@ -233,85 +226,6 @@ def test_without_cascades_the_equation_is_the_mean():
         model.equation(("one", "two"))
 
 
-def accepted_on_noise(options, draws, rows=600, memory=0.0):
-    """Number of draws with any cascade from an input to noise, and cascades per draw."""
-    x, y = noise(draws, rows, 1), noise(draws, rows, seed=1)
-    for k in range(1, rows):
-        x[:, k] = memory * x[:, k - 1] + math.sqrt(1.0 - memory**2) * x[:, k]
-    counts = [fitted.cascades for fitted in fit_pci_windows(x, y, options)]
-    return sum(count > 0 for count in counts), sum(counts) / draws
-
-
-@pytest.mark.parametrize(("memory", "often"), [(0.0, 180), (0.9, 60)])
-def test_the_default_rule_refuses_noise_and_the_papers_takes_it(memory, often, record_property):
-    default, _ = accepted_on_noise(PciOptions(cascades=8), 200, memory=memory)
-    paper, cascades = accepted_on_noise(PciOptions.paper(), 200, memory=memory)
-    record_property("default_accepts", default)
-    record_property("paper_accepts", paper)
-    record_property("paper_cascades", cascades)
-    assert default <= 10
-    assert paper > often
-
-
-def test_the_default_threshold_is_the_quantile_of_chi_squared():
-    freedom, rows = torch.tensor([2.0, 14.0, 60.0]).double(), torch.tensor([600.0, 80.0]).double()
-    share = acceptance_threshold(rows, freedom, 64, 0.02, False)
-    quantile = torch.from_numpy(chi2.isf(0.02 / 64, freedom.numpy()))
-    torch.testing.assert_close(
-        share, -torch.expm1(-quantile / rows.unsqueeze(-1)), rtol=1e-10, atol=0
-    )
-    paper = acceptance_threshold(rows, freedom, 64, 0.02, True)
-    assert paper.tolist() == [[4 / 600] * 3, [4 / 80] * 3]
-
-
-def independent(rows, x, y):
-    root = torch.full((1, len(y)), 1.0 / len(y), dtype=torch.float64).sqrt()
-    rho_x, rho_y = (autocorrelations(z.unsqueeze(0), root) for z in (x, y.unsqueeze(-1)))
-    return float(effective_rows(torch.tensor([rows]).double(), rho_x, rho_y))
-
-
-def test_effective_rows_equal_plain_loops():
-    x, y = noise(50, 1).cumsum(0), noise(50, seed=1).cumsum(0)
-
-    def correlation(z, j):
-        z = z - z.mean()
-        return float((z[j:] * z[: 50 - j]).sum() / (z * z).sum())
-
-    total = 1 + 2 * sum(correlation(x[:, 0], j) * correlation(y, j) for j in range(1, 12))
-    assert independent(50.0, x, y) == pytest.approx(max(50 / total, 1.0), rel=1e-9)
-    assert 480 < independent(600.0, noise(600, 1), noise(600, seed=1)) <= 600
-
-
-def test_two_random_walks_are_not_taken_for_cause_and_effect():
-    accepted = [
-        fit_pci(
-            noise(600, 1, seed=2 * k).cumsum(0),
-            noise(600, seed=2 * k + 1).cumsum(0),
-            PciOptions(cascades=1, seed=k),
-        ).cascades
-        for k in range(40)
-    ]
-    assert sum(accepted) <= 4
-
-
-def test_a_slow_cause_is_still_found():
-    smooth = torch.ones(1, 10).double() / 10
-    x = filtered(noise(600, 1), smooth).unsqueeze(-1)
-    y = filtered(x, FIRST)
-    y = y + 0.5 * y.std() * noise(600, seed=1)
-    assert fit_pci(x, y, PciOptions()).cascades >= 1
-
-
-def test_a_weak_system_in_strong_noise_is_found():
-    x = noise(600, 1, seed=3)
-    y = filtered(x, FIRST)
-    y = y + math.sqrt(3.0) * y.std() * noise(600, seed=4)
-    fitted = fit_pci(x, y, PciOptions())
-    assert fitted.cascades >= 1
-    assert fitted.record.stopped == "none passed"
-    assert fitted.record.train_loss < 0.85
-
-
 STOPS = [
     ({"cascades": 2}, "cascades"),
     ({"tried": 100}, "tried"),
@@ -497,7 +411,7 @@ def test_polishing_finds_a_system_that_noise_hides_from_correlations():
         counts.append(fitted.cascades)
         held.append(float(error))
     assert counts[1] == 2 <= counts[0]
-    assert held[1] < 0.25 * held[0]
+    assert held[1] < 0.5 * held[0]
 
 
 def test_windows_are_asked_for_as_windows():
