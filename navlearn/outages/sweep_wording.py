@@ -7,7 +7,7 @@ import pandas as pd
 
 from navlearn.outages.leaks import leak_warnings
 from navlearn.outages.naming import counted, with_unit
-from navlearn.outages.roles import from_paper, having, real_time
+from navlearn.outages.roles import ORACLE, from_paper, having, real_time
 from navlearn.outages.run_summary import MethodSummary
 from navlearn.outages.statistics import MARGIN_PERCENT
 from navlearn.outages.sweep_summary import SweepSummary
@@ -103,6 +103,9 @@ def _bounds(part: pd.DataFrame) -> str:
         )
         if gains:
             said.append(f" {words}{gains}.")
+    oracle = part[part["method"] == ORACLE]
+    if (oracle["verdict"] != "helps").any():
+        said.append(" The oracle's own gain is not clear of zero, so there are no shares of it.")
     return "".join(said)
 
 

@@ -203,6 +203,16 @@ def test_a_gain_above_the_noise_free_gyro_is_a_warning(sweep: SweepSummary) -> N
     assert "rts** is better" not in text
 
 
+def test_a_class_where_the_oracle_gains_nothing_has_no_shares(sweep: SweepSummary) -> None:
+    rows = sweep.rows.copy()
+    useless = (rows["method"] == "oracle") & (rows["gyro_class"] == "L")
+    rows.loc[useless, "max_horizontal_error_m"] /= 0.6
+    lines = sweep_meaning(sweep, sweep_table(rows, METHODS, resamples=200))
+    told = [line for line in lines if "The oracle's own gain is not clear of zero" in line]
+    assert [line.startswith("**Class L") for line in told] == [True, True]
+    assert not any("of the oracle's gain" in line for line in told)
+
+
 def test_failures_are_told_and_forbid_a_good_verdict(sweep: SweepSummary) -> None:
     rows = sweep.rows.copy()
     lost = (rows["method"] == "augmented") & (rows["drive"] == "L_3") & (rows["outage"] == 2)
