@@ -4,12 +4,43 @@ A coefficient has the unit of the output over those of its factors, with what ca
 """
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
+from navlearn.error_models.base import FittedErrorModel
 from navlearn.error_models.fos_candidates import Term
 from navlearn.errors import ConfigError
 
 POWERS = {"²": 2, "³": 3, "⁴": 4}
+OUTPUT_UNITS = {
+    "gyro_rate": "rad/s",
+    "azimuth_rate": "rad/s",
+    "azimuth": "rad",
+    "position": "m",
+    "speed_scale": "1",
+    "pseudorange": "m",
+}
+"""SI unit of a correction by what it acts on."""
+
+
+def fitted_equation(
+    fitted: FittedErrorModel, units: Mapping[str, str] | None = None, output_unit: str = ""
+) -> str:
+    """Return the equation of a fitted model, in the names and units that its record tells.
+
+    Args:
+        fitted: Model of FOS with its record.
+        units: Units of inputs by name, for a record that names its inputs and not their units;
+            unless all are there, none are written.
+        output_unit: Unit of the target; empty for the SI unit of what the model acts on.
+    """
+    source, known = fitted.record.source, units or {}
+    model: Any = fitted.model
+    names = source.inputs if len(source.inputs) == model.inputs else ()
+    told = source.input_units or tuple(known[name] for name in names if name in known)
+    output = source.outputs[0] if len(source.outputs) == 1 else "y"
+    unit = output_unit or OUTPUT_UNITS[source.acts_on]
+    return str(model.equation(names, output, told if len(told) == model.inputs else (), unit))
 
 
 def name_channels(

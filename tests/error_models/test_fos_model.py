@@ -1,12 +1,13 @@
+import dataclasses
 import json
 import re
 
 import pytest
 import torch
 
-from navlearn.error_models.base import ErrorModel
+from navlearn.error_models.base import ErrorModel, TrainingSource
 from navlearn.error_models.fos import fos_description, fos_from_description
-from navlearn.error_models.fos_equation import coefficient_unit
+from navlearn.error_models.fos_equation import coefficient_unit, fitted_equation
 from navlearn.error_models.fos_fit import fit_fos
 from navlearn.error_models.fos_options import FosOptions
 from navlearn.errors import ConfigError, FitError, ShapeError
@@ -146,6 +147,29 @@ def test_white_noise_gives_a_model_that_says_zero():
     assert model.terms == ()
     assert bool((torch.jit.script(model)(u) == 0).all())
     assert model.equation() == "y[k] = 0"
+
+
+def test_fitted_equation_takes_names_and_units_from_the_record():
+    generator = torch.Generator().manual_seed(0)
+    u = torch.randn(200, 2, generator=generator).double()
+    y = 0.01 * u[:, :1] + 0.02 * u[:, :1] * u[:, 1:]
+    source = TrainingSource(
+        acts_on="gyro_rate",
+        inputs=("yaw_rate", "f_x"),
+        outputs=("gyro_error",),
+        input_units=("rad/s", "m/s²"),
+    )
+    fitted = fit_fos(u, y, source=source)
+    text = fitted_equation(fitted)
+    assert text.startswith("gyro_error[k] = ")
+    assert "+0.01 · yaw_rate[k]" in text
+    assert "+0.02 s²/m · yaw_rate[k] · f_x[k]" in text
+    bare = fit_fos(u, y, source=dataclasses.replace(source, input_units=()))
+    assert "+0.02 · yaw_rate[k] · f_x[k]" in fitted_equation(bare)
+    known = {"yaw_rate": "deg/s", "f_x": "m/s²", "speed": "m/s"}
+    assert "+0.01 rad/deg · yaw_rate[k]" in fitted_equation(bare, known)
+    assert "+0.01 1/deg · yaw_rate[k]" in fitted_equation(bare, known, "1/s")
+    assert " · u1[k]" in fitted_equation(fit_fos(u, y))
 
 
 @pytest.mark.parametrize(
