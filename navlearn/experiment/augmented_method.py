@@ -11,12 +11,13 @@ from torch import Tensor
 from navlearn.error_models.safeguard import GateVerdict, rolling_origin_gate
 from navlearn.errors import FilterDivergedError, FitError
 from navlearn.experiment.anarx_method import last_fix
-from navlearn.experiment.baselines import FilterRuns, believed, believed_table, filter_options
-from navlearn.experiment.gyro_parameters import readable_parameters
+from navlearn.experiment.augmented_filter import AugmentedRun, augmented_run
+from navlearn.experiment.baselines import FilterRuns, believed, believed_table
+from navlearn.experiment.gyro_parameters import readable, readable_parameters
 from navlearn.frames import enu_between
 from navlearn.learning.pseudo_outages import PseudoOutageOptions, PseudoOutages, emulate_outages
 from navlearn.logs.drive_log import DriveLog
-from navlearn.navigator import Navigator, NavigatorRun, belief_at
+from navlearn.navigator import Navigator, NavigatorRun
 from navlearn.outages.replay import Solution
 from navlearn.outages.schedule import Outage
 from navlearn.recipe import Recipe
@@ -45,55 +46,61 @@ class AugmentedMethod:
         """
         timeline, navigator, honest = self.runs.run(log)
         t = timeline.t[honest.first :]
-        options = self.spec.filter_options(filter_options(self.runs.recipe, log=log))
+        solution = believed(honest.history)
         try:
-            _, richer, augmented = self.runs.run(log, options)
             block, gone = last_fix(honest)
-            verdict = self._judge(navigator, honest, richer, augmented, gone)
+            augmented = augmented_run(self.runs, log, self.spec)
+            verdict = self._judge(navigator, honest, augmented, gone)
         except (FitError, FilterDivergedError) as problem:
-            table = believed_table(t, believed(honest.history), outage)
-            return Solution(table=table, notes={"used": False, "reason": str(problem)})
+            notes: dict[str, object] = {"used": False, "reason": str(problem)}
+            return Solution(table=believed_table(t, solution, outage), notes=notes)
         used = verdict.use or not self.spec.safeguard.gate
-        chosen = augmented if used else honest
-        return Solution(
-            table=believed_table(t, believed(chosen.history), outage),
-            notes={
-                **gate_notes(verdict, self.spec, used=used),
-                "parameters": readable_parameters(options, belief_at(augmented.history, block)),
-            },
-        )
+        if used:
+            solution = augmented.solution(block)
+        notes = gate_notes(verdict, self.spec, used=used)
+        notes["parameters"] = _parameters(augmented, block)
+        return Solution(table=believed_table(t, solution, outage), notes=notes)
 
     def _judge(
-        self,
-        navigator: Navigator,
-        honest: NavigatorRun,
-        richer: Navigator,
-        augmented: NavigatorRun,
-        gone: int,
+        self, navigator: Navigator, honest: NavigatorRun, augmented: AugmentedRun, gone: int
     ) -> GateVerdict:
         """Return whether the augmented filter's beliefs coasted better than the honest ones'.
 
         Args:
             navigator: The honest filter.
             honest: Its run.
-            richer: The augmented filter.
-            augmented: Its run.
+            augmented: The other run.
             gone: First sample without GNSS.
         """
         safeguard = self.spec.safeguard
         errors = torch.zeros(2, 0, dtype=torch.float64)
         try:
             emulated = judging_options(self.runs.recipe, self.spec)
-            without = emulate_outages(navigator, honest, emulated, end=gone)
-            with_model = emulate_outages(richer, augmented, emulated, end=gone)
-            reference = midway(without.reference, with_model.reference)
-            errors = torch.stack([largest_error(one, reference) for one in (with_model, without)])
+            outages = emulate_outages(navigator, honest, emulated, end=gone)
+            block, rows = places(outages, honest)
+            later = Trajectory(*(channel[rows] for channel in augmented.run.history.trajectory))
+            reference = midway(outages.reference, later)
+            with_model = augmented.coast(block, rows)
+            errors = torch.stack(
+                [largest_error(path, reference) for path in (with_model, outages.predicted)]
+            )
         except FitError:
             if safeguard.gate:
                 raise
         return rolling_origin_gate(
             errors[0], errors[1], margin=safeguard.gate_margin, fewest=safeguard.gate_fewest
         )
+
+
+def _parameters(augmented: AugmentedRun, block: int) -> dict[str, str]:
+    """Return the gyro's parameters as known after a block."""
+    options = augmented.navigator.options.filter
+    told = readable_parameters(options, augmented.belief(block))
+    if augmented.thermal is not None:
+        known = augmented.thermal.known
+        value, sigma = float(known.value[block]), float(known.sigma[block])
+        told["temperature"] = readable("temperature", value, sigma)
+    return told
 
 
 def judging_options(recipe: Recipe, spec: AugmentedSpec) -> PseudoOutageOptions:
@@ -112,6 +119,22 @@ def judging_options(recipe: Recipe, spec: AugmentedSpec) -> PseudoOutageOptions:
     )
 
 
+def places(outages: PseudoOutages, run: NavigatorRun) -> tuple[Tensor, Tensor]:
+    """Return after which blocks of a run emulated outages start, and their samples.
+
+    Args:
+        outages: Emulated outages, their times counted from the run's begin.
+        run: The run.
+
+    Returns:
+        Blocks, int64, shape (N,), and samples, int64, shape (N, L).
+    """
+    dt = float(run.samples.dt.median())
+    first = torch.round(outages.start_time / dt).long()
+    rows = first.unsqueeze(-1) + torch.arange(outages.samples.dt.shape[-1])
+    return torch.searchsorted(run.history.end, first - 1), rows
+
+
 def midway(one: Trajectory, other: Trajectory) -> Trajectory:
     """Return the trajectory halfway between two, so that it favours neither.
 
@@ -122,18 +145,14 @@ def midway(one: Trajectory, other: Trajectory) -> Trajectory:
     return Trajectory(*(0.5 * (a + b) for a, b in zip(one, other, strict=True)))
 
 
-def largest_error(outages: PseudoOutages, reference: Trajectory) -> Tensor:
+def largest_error(path: Trajectory, reference: Trajectory) -> Tensor:
     """Return the largest horizontal error of every emulated outage, m, shape (N,).
 
     Args:
-        outages: Emulated outages.
+        path: Mechanized without fixes, shape (N, L) each.
         reference: Where the car was, shape (N, L) each.
     """
-    predicted = outages.predicted
-    east, north, _ = enu_between(
-        predicted.lat, predicted.lon, predicted.height,
-        reference.lat, reference.lon, reference.height,
-    )  # fmt: skip
+    east, north, _ = enu_between(*path[:3], *reference[:3])
     return torch.hypot(east, north).amax(-1)
 
 

@@ -13,6 +13,7 @@ UNITS = {
     "quadratic": ("% per rad/s", 100.0),
     "f_x": ("deg/s per g", math.degrees(9.80665)),
     "f_y": ("deg/s per g", math.degrees(9.80665)),
+    "temperature": ("deg/h per K", math.degrees(3600.0)),
 }
 """Unit in which a reader knows a gyro term, and what turns SI into it."""
 
@@ -27,10 +28,20 @@ def readable_parameters(options: EkfOptions, belief: Belief) -> dict[str, str]:
     layout = error_layout(options)
     told = {}
     for term in options.gyro_states:
-        unit, factor = UNITS[term]
         at = layout.sensors.index(f"gyro_{term}")
         row = layout.first_sensor + at
-        value = factor * float(belief.sensor[at])
-        sigma = factor * float(belief.covariance[row, row].clamp(min=0.0).sqrt())
-        told[term] = f"{value:+.3g} ± {sigma:.2g} {unit}"
+        variance = belief.covariance[row, row].clamp(min=0.0)
+        told[term] = readable(term, float(belief.sensor[at]), float(variance.sqrt()))
     return told
+
+
+def readable(term: str, value: float, sigma: float) -> str:
+    """Return one parameter as a data sheet would write it.
+
+    Args:
+        term: Name of the gyro term.
+        value: SI.
+        sigma: Its standard deviation, SI.
+    """
+    unit, factor = UNITS[term]
+    return f"{factor * value:+.3g} ± {factor * sigma:.2g} {unit}"

@@ -1,6 +1,7 @@
 """Spec of gyro error terms as states of the filter."""
 
 import dataclasses
+import math
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field, model_validator
@@ -10,7 +11,7 @@ from navlearn.recipe.spec_base import NotNegative, Positive, SafeguardSpec, Spec
 if TYPE_CHECKING:
     from navlearn.fusion.options import EkfOptions
 
-GyroTerm = Literal["bias", "scale", "abs_scale", "quadratic", "f_x", "f_y"]
+GyroTerm = Literal["bias", "scale", "abs_scale", "quadratic", "f_x", "f_y", "temperature"]
 
 OF_TURNING = ("scale", "abs_scale", "quadratic")
 """Terms that explain what the honest filter books as noise of turning."""
@@ -23,9 +24,11 @@ class AugmentedSpec(SpecBase):
 
     Attributes:
         type: Kind of model.
-        gyro_terms: Gyro error terms that are states; regressors 1, ω, |ω|, ω|ω|, f_x, f_y.
+        gyro_terms: Gyro error terms that are estimated; regressors 1, ω, |ω|, ω|ω|, f_x, f_y, and
+            the sensor's temperature above that at the start, for a log that tells it.
         turn_noise: What turning adds to the azimuth that no term explains, √s; the filter's own
             where that is smaller, or where no term depends on turning.
+        temperature_deg_per_s_per_k: How large the effect of temperature may be.
         standstill_s: Shortest standstill that observes the terms.
         judge_s: Length of the emulated outages that judge the model.
         judge_every_s: Time between their starts.
@@ -42,13 +45,15 @@ class AugmentedSpec(SpecBase):
         "quadratic",
         "f_x",
         "f_y",
+        "temperature",
     )
     turn_noise: NotNegative = 0.003
+    temperature_deg_per_s_per_k: Positive = 0.01
     standstill_s: Positive = 1.0
     judge_s: Positive = 60.0
     judge_every_s: Positive = 10.0
     judge_after_s: NotNegative = 60.0
-    safeguard: SafeguardSpec = SafeguardSpec()
+    safeguard: SafeguardSpec = SafeguardSpec(gate_margin=0.02)
 
     @model_validator(mode="after")
     def _terms_make_a_filter(self) -> "AugmentedSpec":
@@ -62,10 +67,20 @@ class AugmentedSpec(SpecBase):
 
     def describe(self) -> str:
         """Return what the method of this model does, in a sentence for the report."""
-        return f"the filter with gyro error states {', '.join(self.gyro_terms)}"
+        return f"the filter with gyro error terms {', '.join(self.gyro_terms)}"
+
+    @property
+    def thermal(self) -> bool:
+        """Whether the effect of temperature is estimated."""
+        return "temperature" in self.gyro_terms
+
+    @property
+    def temperature_prior(self) -> float:
+        """How large the effect of temperature may be, rad/s per K."""
+        return math.radians(self.temperature_deg_per_s_per_k)
 
     def filter_options(self, honest: "EkfOptions") -> "EkfOptions":
-        """Return the options of the filter that has these states.
+        """Return the options of the filter that has these terms as states, but temperature.
 
         Args:
             honest: Options of the filter without them.
@@ -75,5 +90,8 @@ class AugmentedSpec(SpecBase):
             quiet = min(noise.turn_noise, self.turn_noise)
             noise = dataclasses.replace(noise, turn_noise=quiet)
         return dataclasses.replace(
-            honest, gyro_terms=self.gyro_terms, standstill=self.standstill_s, noise=noise
+            honest,
+            gyro_terms=tuple(term for term in self.gyro_terms if term != "temperature"),
+            standstill=self.standstill_s,
+            noise=noise,
         )
