@@ -24,6 +24,7 @@ from navlearn.experiment.methods import build_methods
 from navlearn.experiment.oracles import truth_for
 from navlearn.experiment.run import digest_of
 from navlearn.logs.drive_log import DriveLog
+from navlearn.logs.formats.csv_tables import read_frame
 from navlearn.logs.sensor_truth import SensorTruth
 from navlearn.logs.synthetic import simulate_drive
 from navlearn.logs.synthetic.degrade import degraded_drive
@@ -242,9 +243,9 @@ def read_rows(file: Path) -> pd.DataFrame:
     Args:
         file: The file.
     """
-    words = {"failure": str, "reason": str}
-    table = pd.read_csv(file, float_precision="round_trip", dtype=words)
-    return table.assign(**{name: table[name].fillna("") for name in words if name in table})
+    table = read_frame(file)
+    empty = {name: table[name].astype(object).fillna("") for name in ("failure", "reason")}
+    return table.assign(**empty)
 
 
 def _failure(job: SweepJob, duration: float, problem: Exception) -> Failure:
