@@ -16,28 +16,26 @@ from navlearn.error_models.fos import FosModel
 from navlearn.error_models.safeguard import GateVerdict, rolling_origin_gate
 from navlearn.errors import FilterDivergedError, FitError
 from navlearn.experiment.anarx_method import last_fix
+from navlearn.experiment.azimuth_filter import Beside
 from navlearn.experiment.azimuth_model import AzimuthModel, fit_azimuth
 from navlearn.experiment.baselines import (
     Believed,
     FilterRuns,
     believed,
     believed_table,
-    filter_options,
 )
-from navlearn.experiment.feed_forward import FeedForward, run_feed_forward
+from navlearn.experiment.feed_forward import FeedForward
 from navlearn.experiment.learned import Learned, pseudo_outage_options
 from navlearn.experiment.perfect_azimuth import reckoned
 from navlearn.frames import enu_between
-from navlearn.fusion.loosely_coupled import LooselyCoupledEkf
 from navlearn.fusion.options import EkfOptions
 from navlearn.learning.pseudo_outages import PseudoOutages, emulate_outages, select_outages
 from navlearn.logs.drive_log import DriveLog
-from navlearn.logs.resample import RissTimeline
-from navlearn.navigator import Navigator, NavigatorRun, belief_at
+from navlearn.navigator import Navigator, belief_at
 from navlearn.outages.replay import Solution
 from navlearn.outages.schedule import Outage
 from navlearn.recipe.azimuth_spec import AzimuthSpec
-from navlearn.states import FixTiming, GnssFix, RissSample, Trajectory
+from navlearn.states import RissSample, Trajectory
 
 
 class AzimuthMethod:
@@ -73,22 +71,25 @@ class AzimuthMethod:
         """
         timeline, navigator, run = self.runs.run(log)
         t = timeline.t[run.first :]
-        plain = believed(run.history)
+        solution = believed(run.history)
         try:
             _, gone = last_fix(run)
             beside = Beside(self.runs, self.spec, log, timeline, run)
-            window = round(self.spec.window_s / beside.dt)
-            path = beside.run([(gone - window, gone, len(run.samples.dt))])[0]
+            begin = float(t[0] - run.samples.dt[0])
+            emulated = self._emulated(beside, navigator, gone, begin)
+            origins = [] if emulated is None else beside.origins(emulated, begin)
+            path, *replays = beside.run(
+                [beside.span(gone, len(run.samples.dt)), *(beside.span(*one) for one in origins)]
+            )
             learned = fit_azimuth(
                 self.spec, beside.ekf.model, path, step=beside.step, log_name=log.metadata.name
             )
-            begin = float(t[0] - run.samples.dt[0])
-            verdict = self._verdict(beside, navigator, gone, begin)
+            verdict = self._verdict(beside, emulated, replays)
         except (FitError, FilterDivergedError) as problem:
             if isinstance(problem, FilterDivergedError) and not self.spec.safeguard.gate:
                 raise
             notes = {"used": False, "fitted": False, "reason": str(problem)}
-            return Solution(table=believed_table(t, plain, outage), notes=notes)
+            return Solution(table=believed_table(t, solution, outage), notes=notes)
         if self.keep is not None:
             example, record = learned.inputs[learned.origin :], learned.fitted.record
             self.keep(
@@ -96,65 +97,40 @@ class AzimuthMethod:
                 Learned(fitted=learned.fitted, verdict=verdict, example=example, trial=record),
             )
         if verdict.use:
-            plain = _joined(plain, path, steer(beside.options, path, learned))
-        return Solution(
-            table=believed_table(t, plain, outage), notes=_notes(self.spec, learned, verdict)
-        )
+            solution = _joined(solution, path, steer(beside.options, path, learned))
+        notes = _notes(self.spec, learned, verdict)
+        return Solution(table=believed_table(t, solution, outage), notes=notes)
 
-    def _verdict(
-        self, beside: "Beside", navigator: Navigator, gone: int, begin: float
-    ) -> GateVerdict:
-        """Return whether the model would have helped in the last emulated outages."""
-        guard = self.spec.safeguard
-        if not guard.gate:
-            return GateVerdict(use=True, improvement=math.nan, replays=0, margin=guard.gate_margin)
+    def _emulated(
+        self, beside: Beside, navigator: Navigator, gone: int, begin: float
+    ) -> PseudoOutages | None:
+        """Return the last emulated outages, for the gate; None where there is no gate or none."""
+        if not self.spec.safeguard.gate:
+            return None
         options = pseudo_outage_options(beside.runs.recipe)
         options = replace(
             options,
             every=max(options.every, 0.5 * options.horizon),
             settle=max(options.settle, self.spec.window_s + 2.0 * options.step),
         )
-        emulated = emulate_outages(navigator, beside.closed, options, end=gone, begin=begin)
+        try:
+            emulated = emulate_outages(navigator, beside.honest, options, end=gone, begin=begin)
+        except FitError:
+            return None
         count = len(emulated.start_time)
         recent = torch.arange(max(count - self.spec.gate_replays, 0), count)
-        emulated = select_outages(emulated, recent)
-        with_model, without = replayed(self.spec, beside, emulated, begin)
-        return rolling_origin_gate(
-            with_model, without, margin=guard.gate_margin, fewest=guard.gate_fewest
-        )
+        return select_outages(emulated, recent)
 
-
-class Beside:
-    """The feed-forward filter of a spec on a drive, run over any spans of it."""
-
-    def __init__(
-        self,
-        runs: FilterRuns,
-        spec: AzimuthSpec,
-        log: DriveLog,
-        timeline: RissTimeline,
-        run: NavigatorRun,
-    ) -> None:
-        self.runs, self.spec, self.honest = runs, spec, run
-        closed = filter_options(runs.recipe, log=log)
-        if spec.filter == "recipe":
-            self.closed = run
-        else:
-            closed = replace(closed, model=spec.filter)
-            self.closed = runs.run(log, closed)[2]
-        self.options: EkfOptions = replace(closed, feedback="open")
-        self.ekf = LooselyCoupledEkf(self.options)
-        self.dt = float(run.samples.dt.median())
-        self.step = runs.recipe.training.step_s
-        later = timeline.timing.index >= run.first
-        self.fixes = GnssFix(*(channel[later] for channel in timeline.fixes))
-        self.timing = FixTiming(
-            timeline.timing.index[later] - run.first, timeline.timing.delay[later]
-        )
-
-    def run(self, spans: list[tuple[int, int, int]]) -> list[FeedForward]:
-        """Return a run per span: begin, first interval without GNSS, and end."""
-        return run_feed_forward(self.ekf, self.closed, self.fixes, self.timing, spans)
+    def _verdict(
+        self, beside: Beside, emulated: PseudoOutages | None, runs: list[FeedForward]
+    ) -> GateVerdict:
+        """Return whether the model would have helped in the last emulated outages."""
+        guard = self.spec.safeguard
+        if not guard.gate:
+            return GateVerdict(use=True, improvement=math.nan, replays=0, margin=guard.gate_margin)
+        none = torch.zeros(0, dtype=torch.float64)
+        errors = (none, none) if emulated is None else replayed(self.spec, beside, emulated, runs)
+        return rolling_origin_gate(*errors, margin=guard.gate_margin, fewest=guard.gate_fewest)
 
 
 def steer(options: EkfOptions, run: FeedForward, learned: AzimuthModel) -> Trajectory:
@@ -178,7 +154,7 @@ def steer(options: EkfOptions, run: FeedForward, learned: AzimuthModel) -> Traje
 
 
 def replayed(
-    spec: AzimuthSpec, beside: Beside, emulated: PseudoOutages, begin: float
+    spec: AzimuthSpec, beside: Beside, emulated: PseudoOutages, runs: list[FeedForward]
 ) -> tuple[Tensor, Tensor]:
     """Return the largest error of emulated outages with the model and without.
 
@@ -186,17 +162,13 @@ def replayed(
         spec: The model, fitted anew before each of them.
         beside: The feed-forward filter.
         emulated: The emulated outages.
-        begin: When the run's first interval begins, s.
+        runs: Its runs over them and the windows before.
 
     Returns:
         Errors with and without the model, m, shape (M,) each; outages before which nothing could
         be fitted are left out.
     """
-    length = emulated.samples.dt.shape[-1]
-    window = round(spec.window_s / beside.dt)
-    first = [round((start - begin) / beside.dt) for start in emulated.start_time.tolist()]
     paths, kept = [], []
-    runs = beside.run([(gone - window, gone, gone + length) for gone in first])
     for k, run in enumerate(runs):
         try:
             learned = fit_azimuth(spec, beside.ekf.model, run, step=beside.step)

@@ -10,7 +10,8 @@ import torch
 
 from navlearn.errors import ConfigError, FitError
 from navlearn.experiment.anarx_method import last_fix
-from navlearn.experiment.azimuth_method import AzimuthMethod, Beside, steer
+from navlearn.experiment.azimuth_filter import Beside
+from navlearn.experiment.azimuth_method import AzimuthMethod, steer
 from navlearn.experiment.azimuth_model import fit_azimuth
 from navlearn.experiment.baselines import FilterMethod, FilterRuns
 from navlearn.experiment.drive import prepare_drive
@@ -166,7 +167,9 @@ def test_runs_at_once_equal_runs_one_by_one(runs: FilterRuns, known: DriveLog) -
         torch.testing.assert_close(together.history.end, alone.history.end)
         torch.testing.assert_close(together.history.fix, alone.history.fix)
         for a, b in zip(together.history.trajectory, alone.history.trajectory, strict=True):
-            torch.testing.assert_close(a, b, atol=1e-8, rtol=0)
+            # The last block of the shorter one is closed after intervals that pad it.
+            torch.testing.assert_close(a[:-1], b[:-1], atol=1e-12, rtol=1e-12)
+            torch.testing.assert_close(a, b, atol=1e-6, rtol=0)
         torch.testing.assert_close(together.history.error, alone.history.error)
         assert bool((together.history.fix[together.history.end >= together.gone] < 0).all())
 

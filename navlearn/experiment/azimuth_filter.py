@@ -1,0 +1,75 @@
+"""The feed-forward filter that an azimuth model stands beside, on one drive."""
+
+from dataclasses import replace
+
+from navlearn.experiment.baselines import FilterRuns, filter_options
+from navlearn.experiment.feed_forward import FeedForward, run_feed_forward
+from navlearn.fusion.loosely_coupled import LooselyCoupledEkf
+from navlearn.fusion.options import EkfOptions
+from navlearn.learning.pseudo_outages import PseudoOutages
+from navlearn.logs.drive_log import DriveLog
+from navlearn.logs.resample import RissTimeline
+from navlearn.navigator import NavigatorRun
+from navlearn.recipe.azimuth_spec import AzimuthSpec
+from navlearn.states import FixTiming, GnssFix
+
+
+class Beside:
+    """The feed-forward filter of a spec on a drive, run over any spans of it.
+
+    Attributes:
+        honest: The recipe's own filter on the drive.
+        closed: The filter of the spec, with feedback: where it stands is where spans begin.
+        options: The same filter's options without feedback.
+        ekf: The filter without feedback.
+        dt: Length of an interval, s.
+        step: Time between rows, s.
+    """
+
+    def __init__(
+        self,
+        runs: FilterRuns,
+        spec: AzimuthSpec,
+        log: DriveLog,
+        timeline: RissTimeline,
+        run: NavigatorRun,
+    ) -> None:
+        """Make the filter ready.
+
+        Args:
+            runs: Filter runs, shared with the other methods.
+            spec: The model.
+            log: The drive.
+            timeline: The drive as tensors.
+            run: The recipe's own filter on it.
+        """
+        self.runs, self.spec, self.honest = runs, spec, run
+        closed = filter_options(runs.recipe, log=log)
+        if spec.filter == "recipe":
+            self.closed = run
+        else:
+            closed = replace(closed, model=spec.filter)
+            self.closed = runs.run(log, closed)[2]
+        self.options: EkfOptions = replace(closed, feedback="open")
+        self.ekf = LooselyCoupledEkf(self.options)
+        self.dt = float(run.samples.dt.median())
+        self.step = runs.recipe.training.step_s
+        later = timeline.timing.index >= run.first
+        self.fixes = GnssFix(*(channel[later] for channel in timeline.fixes))
+        self.timing = FixTiming(
+            timeline.timing.index[later] - run.first, timeline.timing.delay[later]
+        )
+
+    def span(self, gone: int, stop: int) -> tuple[int, int, int]:
+        """Return a window and what follows it: begin, first interval without GNSS, and end."""
+        return gone - round(self.spec.window_s / self.dt), gone, stop
+
+    def origins(self, emulated: PseudoOutages, begin: float) -> list[tuple[int, int]]:
+        """Return first interval and end of emulated outages of a run that began then."""
+        length = emulated.samples.dt.shape[-1]
+        first = [round((start - begin) / self.dt) for start in emulated.start_time.tolist()]
+        return [(gone, gone + length) for gone in first]
+
+    def run(self, spans: list[tuple[int, int, int]]) -> list[FeedForward]:
+        """Return a run per span, all made at once."""
+        return run_feed_forward(self.ekf, self.closed, self.fixes, self.timing, spans)
