@@ -125,10 +125,12 @@ def write_cascades(
 def _response(
     cascades: PhysicalCascades, c: int, names: tuple[str, ...], units: tuple[str, ...]
 ) -> list[str]:
-    """Return the parts of one linear response."""
+    """Return the parts of one linear response, without the channels that it does not read."""
     parts = [_term(float(cascades.offset[c]), "")]
     for lag, row in enumerate(cascades.taps[c].tolist()):
         for i, tap in enumerate(row):
+            if tap == 0.0:
+                continue
             moment = f"{names[i]}[k-{lag}]" if lag else f"{names[i]}[k]"
             parts.append(_term(tap, coefficient_unit("1", [units[i]]) if units else "", moment))
     return parts
