@@ -25,6 +25,7 @@ from navlearn.fusion.sensor_errors import (
     odometer_acceleration,
     sensor_errors,
 )
+from navlearn.fusion.smoothing import SmoothedDrive, SmoothingOptions, smooth
 from navlearn.mechanization.alignment import Alignment, AlignmentOptions, align_from_course
 from navlearn.mechanization.riss_adjoint import integrate
 from navlearn.states import FixTiming, GnssFix, RissSample, Trajectory
@@ -97,6 +98,36 @@ class Navigator:
                 method=self.options.method,
             )
         return NavigatorRun(first, alignment, rest, history)
+
+    def smooth(
+        self,
+        run: NavigatorRun,
+        fixes: GnssFix,
+        timing: FixTiming,
+        options: SmoothingOptions | None = None,
+    ) -> SmoothedDrive:
+        """Smooth a whole run: the best that a drive can tell of itself, afterwards.
+
+        Args:
+            run: What :meth:`run` returned.
+            fixes: The fixes that it was given, shape (M,) each.
+            timing: Where they fall, shape (M,) each.
+            options: How drives are smoothed; None means the defaults.
+
+        Returns:
+            The smoothed drive; its indices count from the run's first interval.
+        """
+        later = timing.index >= run.first
+        with torch.no_grad():
+            return smooth(
+                self.ekf,
+                self.start(run.alignment),
+                run.samples,
+                GnssFix(*(channel[later] for channel in fixes)),
+                FixTiming(timing.index[later] - run.first, timing.delay[later]),
+                run.history,
+                options,
+            )
 
     def start(self, alignment: Alignment) -> Belief:
         """Return the belief that an alignment justifies."""

@@ -1,18 +1,52 @@
 """Post-processing: the filter before and after an outage, smoothed back through it."""
 
-from typing import ClassVar
+from dataclasses import replace
+from typing import ClassVar, Final, NamedTuple
 
 import torch
+from torch import Tensor
 
 from navlearn.experiment.baselines import Believed, FilterRuns, believed_table
+from navlearn.experiment.drive import timeline_of
+from navlearn.filters.belief import Belief
+from navlearn.fusion.history import FilterHistory
+from navlearn.fusion.loosely_coupled import LooselyCoupledEkf
 from navlearn.fusion.measurements import Kind, Verdict
 from navlearn.fusion.smoothing import SmoothedDrive, SmoothingOptions, smooth
 from navlearn.logs.drive_log import DriveLog
 from navlearn.logs.resample import RissTimeline
-from navlearn.navigator import Navigator, NavigatorRun
+from navlearn.navigator import Navigator, NavigatorRun, belief_at
+from navlearn.outages.known_log import known_log
 from navlearn.outages.replay import Solution
 from navlearn.outages.schedule import Outage
-from navlearn.states import FixTiming, GnssFix
+from navlearn.states import FixTiming, GnssFix, RissSample
+
+LEAD: Final = 10.0
+"""The stretch that is smoothed begins this long before the outage, s."""
+
+HEIGHT_WALK: Final = 3.0
+"""Least random walk of the height in 2D, m/√s: roads climb by some per cent for hundreds of metres.
+
+A filter that drives level refuses the fixes after an outage for their height alone, and what its
+gate refused tells the smoother nothing of the way either.
+"""
+
+
+class Stretch(NamedTuple):
+    """The part of a drive that an outage's smoothing needs.
+
+    What the filter believes at its first sample holds all that came before, so that smoothing
+    the whole drive would tell nothing more of the outage.
+
+    Attributes:
+        t: End of every interval, s, shape (T,).
+        history: What the filter believed; its indices count from the first interval.
+        smoothed: What the smoother makes of it.
+    """
+
+    t: Tensor
+    history: FilterHistory
+    smoothed: SmoothedDrive
 
 
 class SmoothedFilter:
@@ -40,48 +74,72 @@ class SmoothedFilter:
             log: The drive up to ``sees_after`` after the outage's end, without fixes inside it.
             outage: The outage.
         """
-        timeline, navigator, run = self.runs.run(log)
-        found = smoothed_run(timeline, navigator, run, self.options)
-        covariance = found.belief.covariance[..., :2, :2]
-        solution = Believed(found.trajectory, found.end, covariance)
-        t = timeline.t[run.first :]
-        after = t[run.history.end] >= outage.end
-        resets = run.history.verdict == int(Verdict.ACCEPTED_BY_RESET)
+        _, navigator, run = self.runs.run(known_log(log, outage))
+        timeline = timeline_of(log, self.runs.recipe)
+        found = smoothed_stretch(timeline, navigator, run, outage.start - LEAD, self.options)
+        smoothed, history = found.smoothed, found.history
+        covariance = smoothed.belief.covariance[..., :2, :2]
+        solution = Believed(smoothed.trajectory, smoothed.end, covariance)
+        after = found.t[history.end] >= outage.end
+        resets = history.verdict[after][:, Kind.POSITION] == int(Verdict.ACCEPTED_BY_RESET)
         return Solution(
-            table=believed_table(t, solution, outage),
+            table=believed_table(found.t, solution, outage),
             notes={
-                "fixes_after": int((after & (run.history.fix >= 0)).sum()),
-                "passes": found.passes,
-                "gate_reset_after": bool(resets[after][:, Kind.POSITION].any()),
+                "fixes_after": int((history.fix[after] >= 0).sum()),
+                "gate_reset_after": bool(resets.any()),
+                "passes": smoothed.passes,
             },
         )
 
 
-def smoothed_run(
+def smoothed_stretch(
     timeline: RissTimeline,
     navigator: Navigator,
     run: NavigatorRun,
+    since: float,
     options: SmoothingOptions | None = None,
-) -> SmoothedDrive:
-    """Smooth a navigator's run.
+) -> Stretch:
+    """Filter a drive on from a run that ends earlier, and smooth what lies behind a time.
 
     Args:
-        timeline: What it ran on.
+        timeline: The drive; up to ``since`` it is what the navigator ran on.
         navigator: The navigator.
         run: Its run.
+        since: Time at which the stretch begins, s.
         options: How it is smoothed; None means the defaults.
 
     Returns:
-        The smoothed drive; its indices count from the run's first interval.
+        The stretch, from the last update before ``since`` to the end of the timeline.
     """
-    used = timeline.timing.index >= run.first
+    begin, belief = _start_of_stretch(timeline, navigator, run, since)
+    ekf = _with_hills(navigator)
+    samples = RissSample(*(channel[begin:] for channel in timeline.samples))
+    later = timeline.timing.index >= begin
+    fixes = GnssFix(*(channel[later] for channel in timeline.fixes))
+    timing = FixTiming(timeline.timing.index[later] - begin, timeline.timing.delay[later])
     with torch.no_grad():
-        return smooth(
-            navigator.ekf,
-            navigator.start(run.alignment),
-            run.samples,
-            GnssFix(*(channel[used] for channel in timeline.fixes)),
-            FixTiming(timeline.timing.index[used] - run.first, timeline.timing.delay[used]),
-            run.history,
-            options,
-        )
+        history = ekf(belief, samples, fixes, timing, method=navigator.options.method)
+        smoothed = smooth(ekf, belief, samples, fixes, timing, history, options)
+    return Stretch(timeline.t[begin:], history, smoothed)
+
+
+def _with_hills(navigator: Navigator) -> LooselyCoupledEkf:
+    """Return a navigator's filter; in 2D one that knows of hills, the same but for its height."""
+    options = navigator.options.filter
+    if options.mechanization.three_d or options.noise.height_walk >= HEIGHT_WALK:
+        return navigator.ekf
+    return LooselyCoupledEkf(
+        replace(options, noise=replace(options.noise, height_walk=HEIGHT_WALK))
+    )
+
+
+def _start_of_stretch(
+    timeline: RissTimeline, navigator: Navigator, run: NavigatorRun, since: float
+) -> tuple[int, Belief]:
+    """Return the first interval of a stretch, and the belief before it."""
+    ends = run.first + run.history.end
+    before = torch.nonzero(timeline.t[ends] <= since).flatten()
+    if before.numel() == 0:
+        return run.first, navigator.start(run.alignment)
+    block = int(before[-1])
+    return int(ends[block]) + 1, belief_at(run.history, block)

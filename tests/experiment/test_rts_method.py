@@ -1,6 +1,7 @@
 """The smoothed filter as a method for outages."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,8 @@ import pytest
 
 from navlearn.experiment import run_recipe
 from navlearn.experiment.baselines import Believed, FilterMethod, FilterRuns, believed_table
-from navlearn.experiment.rts_method import SmoothedFilter, smoothed_run
+from navlearn.experiment.rts_method import SmoothedFilter
+from navlearn.fusion.measurements import Kind
 from navlearn.fusion.smoothing import SmoothingOptions
 from navlearn.logs.drive_log import DriveLog
 from navlearn.outages.known_log import known_log
@@ -57,7 +59,7 @@ def test_no_fix_after_the_outage_leaves_the_filters_end(
     last = once.table.iloc[-1]
     assert once.notes["fixes_after"] == 0
     for name in ("lat", "lon", "azimuth", "std_e", "std_n"):
-        assert last[name] == pytest.approx(causal[name], rel=1e-6), name
+        assert last[name] == pytest.approx(causal[name], rel=1e-4), name
 
 
 def test_smoothing_a_whole_drive_makes_a_reference(
@@ -65,7 +67,7 @@ def test_smoothing_a_whole_drive_makes_a_reference(
 ) -> None:
     """Of a log without a better instrument: closer to the truth than the filter was."""
     timeline, navigator, run = FilterRuns(make_recipe(methods=("ekf",))).run(short_drive)
-    found = smoothed_run(timeline, navigator, run)
+    found = navigator.smooth(run, timeline.fixes, timeline.timing)
     t, track = timeline.t[run.first :], track_of(short_drive)
     part = Outage(60.0, 380.0)
     covariance = found.belief.covariance[..., :2, :2]
@@ -77,6 +79,52 @@ def test_smoothing_a_whole_drive_makes_a_reference(
     # what GNSS is off by for minutes stays in both
     assert rms[1]["horizontal"] < rms[0]["horizontal"]
     assert rms[1]["azimuth"] < 0.8 * rms[0]["azimuth"]
+
+
+def test_a_stretch_tells_of_the_outage_what_the_whole_drive_does(
+    make_recipe: MakeRecipe, short_drive: DriveLog
+) -> None:
+    outage = OUTAGES[0]
+    runs = FilterRuns(make_recipe(methods=("rts",)))
+    log = known_log(short_drive, outage, after=SmoothedFilter.sees_after)
+    table = SmoothedFilter(runs).predict(log, outage).table
+    timeline, navigator, run = runs.run(log)
+    whole = navigator.smooth(run, timeline.fixes, timeline.timing)
+    covariance = whole.belief.covariance[..., :2, :2]
+    expected = believed_table(
+        timeline.t[run.first :], Believed(whole.trajectory, whole.end, covariance), outage
+    )
+    scales = {"lat": 6.4e6, "lon": 6.4e6, "v_e": 10.0, "v_n": 10.0, "azimuth": 100.0}
+    for name, metres in scales.items():
+        assert (table[name] - expected[name]).abs().max() * metres < 0.05, name
+    for name in ("std_e", "std_n"):
+        assert table[name].to_numpy() == pytest.approx(expected[name].to_numpy(), rel=1e-3)
+
+
+def test_a_hill_in_the_outage_costs_no_fix_after_it(
+    make_recipe: MakeRecipe, short_drive: DriveLog
+) -> None:
+    """In 2D the filter refuses the fixes after an outage in which the road climbed by 40 m."""
+    outage = OUTAGES[0]
+    climb = 40.0 * ((short_drive.fixes["t"] - outage.start) / outage.duration).clip(0.0, 1.0)
+    hilly = replace(
+        short_drive, fixes=short_drive.fixes.assign(height=short_drive.fixes["height"] + climb)
+    )
+    runs = FilterRuns(make_recipe(methods=("rts",)))
+    log = known_log(hilly, outage, after=SmoothedFilter.sees_after)
+    _, _, level = runs.run(log)
+    assert int(level.history.resets[Kind.POSITION]) > 0
+    made = SmoothedFilter(runs).predict(log, outage)
+    assert made.notes["gate_reset_after"] is False
+    flat = SmoothedFilter(runs).predict(
+        known_log(short_drive, outage, after=SmoothedFilter.sees_after), outage
+    )
+    for name in ("lat", "lon"):
+        assert (made.table[name] - flat.table[name]).abs().max() * 6.4e6 < 0.1
+    climbed = (made.table["height"] - flat.table["height"]).to_numpy()
+    # from one level to the other, as far as the car moved
+    assert climbed[[0, -1]] == pytest.approx([0.0, 40.0], abs=4.0)
+    assert (np.diff(climbed) > -0.01).all()
 
 
 def test_a_run_tells_that_smoothing_is_not_for_real_time(
