@@ -15,8 +15,10 @@ from navlearn.error_models.base import (
 )
 from navlearn.error_models.fos_fit import fit_fos
 from navlearn.error_models.fos_options import FosOptions
+from navlearn.error_models.gyro_terms import product_terms
 from navlearn.error_models.pci import PciOptions
 from navlearn.error_models.pci_fit import fit_pci
+from navlearn.error_models.ridge import RidgeModel, RidgeOptions
 from navlearn.error_models.storage import load_error_model, save_error_model
 from navlearn.error_models.storage_kinds import KINDS
 from navlearn.errors import ConfigError, LogNotFoundError, OutputExistsError
@@ -62,14 +64,22 @@ def fitted_of(kind, anarx):
     v = u[:, 0] + 0.5 * u[:, 1].roll(1) - 0.2 * u[:, 0].roll(2)
     y = (0.3 + v + 0.4 * v**2).unsqueeze(-1) + 0.1 * torch.randn(400, 1, generator=generator)
     source = replace(anarx.record.source, outputs=("x",), acts_on="azimuth")
+    if kind == "ridge":
+        terms = product_terms(("speed", "abs_speed", "speed*delay"), ("speed", "delay"), 0.0)
+        model = RidgeModel(RidgeOptions(inputs=2, terms=terms.names))
+        model.set_fit(terms, torch.tensor([0.1, -0.2, 0.05]).double(), torch.eye(3).double(), u)
+        return replace(anarx, kind="ridge", model=model.eval(), options=model.options)
     if kind == "fos":
         options = FosOptions(lags=2, output_lags=1, max_terms=5, ridge=1e-6)
         return fit_fos(u, y, options=options, source=source)
+    assert kind == "pci"
     return fit_pci(u, y, PciOptions(inputs=2, lags=2, cascades=3), source=source)
 
 
 def test_what_could_not_be_read_back_is_not_written(fitted, tmp_path):
-    with pytest.raises(ConfigError, match="kind 'crystal' cannot be saved, only anarx, fos, pci"):
+    with pytest.raises(
+        ConfigError, match="kind 'crystal' cannot be saved, only anarx, fos, pci, ridge"
+    ):
         save_error_model(replace(fitted, kind="crystal"), tmp_path / "model.pt")
     assert not (tmp_path / "model.pt").exists()
 
@@ -153,7 +163,7 @@ def test_what_does_not_fit_together_is_refused(kind, change, fitted, tmp_path):
 def test_cascades_of_different_numbers_are_refused(fitted, tmp_path):
     path = tmp_path / "model.pt"
     save_error_model(fitted_of("pci", fitted), path)
-    spoil(path, lambda about, weights: weights.update(low=weights["low"][:1]))
+    spoil(path, lambda about, weights: weights.update(low=weights["low"].repeat(2)))
     with pytest.raises(ConfigError, match=r"have the lengths \[1, "):
         load_error_model(path)
 

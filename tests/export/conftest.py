@@ -16,8 +16,10 @@ from navlearn.error_models.base import (
 )
 from navlearn.error_models.fos_fit import fit_fos
 from navlearn.error_models.fos_options import FosOptions
+from navlearn.error_models.gyro_terms import product_terms
 from navlearn.error_models.pci import PciOptions
 from navlearn.error_models.pci_fit import fit_pci
+from navlearn.error_models.ridge import RidgeModel, RidgeOptions
 from navlearn.error_models.scaling import fit_scaling
 
 SOURCE = TrainingSource(
@@ -49,6 +51,16 @@ def fitted_pci(lags: int, source: TrainingSource) -> FittedErrorModel:
     return fit_pci(u, y, PciOptions(inputs=3, lags=lags, cascades=4), source=source)
 
 
+def fitted_ridge(source: TrainingSource) -> FittedErrorModel:
+    u, _ = gyro_error(1)
+    terms = product_terms(("yaw_rate", "abs_yaw_rate", "yaw_rate*speed"), SOURCE.inputs, 0.01)
+    model = RidgeModel(RidgeOptions(inputs=3, terms=terms.names))
+    size = torch.tensor([0.02, -0.01, 1e-3], dtype=torch.float64)
+    model.set_fit(terms, size, torch.diag(0.01 * size.square()), u)
+    fitted = fitted_model(source=source)
+    return replace(fitted, kind="ridge", model=model.eval(), options=model.options)
+
+
 def gyro_error(lags: int) -> tuple[Tensor, Tensor]:
     """A slightly nonlinear error of a gyro that remembers."""
     u = some_inputs(400, seed=5)
@@ -60,6 +72,8 @@ def gyro_error(lags: int) -> tuple[Tensor, Tensor]:
 def fitted_model(
     *, lags: int = 2, source: TrainingSource | None = None, kind: str = "anarx"
 ) -> FittedErrorModel:
+    if kind == "ridge":
+        return fitted_ridge(source or gyro_source())
     if kind == "pci":
         return fitted_pci(lags, source or gyro_source())
     if kind.startswith("fos"):

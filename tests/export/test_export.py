@@ -24,7 +24,7 @@ from navlearn.export.metadata import FORMAT, INPUT_UNITS, OUTPUT_UNITS
 Fitted = Callable[..., FittedErrorModel]
 Inputs = Callable[..., Tensor]
 
-FAMILIES = ["anarx", "fos", "fos fed back", "pci"]
+FAMILIES = ["anarx", "fos", "fos fed back", "pci", "ridge"]
 NAMED = TrainingSource(inputs=("yaw_rate", "speed", "delay"), outputs=("along", "cross"))
 
 
@@ -78,7 +78,7 @@ def test_reload_in_a_fresh_process_without_navlearn(
     assert (about["kind"], about["inputs"]) == (kind, ["yaw_rate", "speed", "delay"])
 
 
-@pytest.mark.parametrize("kind", ["anarx", "fos fed back", "pci"])
+@pytest.mark.parametrize("kind", ["anarx", "fos fed back", "pci", "ridge"])
 def test_torch_export_takes_any_batch_and_length(
     tmp_path: Path, kind: str, make_fitted: Fitted, make_inputs: Inputs
 ) -> None:
