@@ -3,7 +3,12 @@
 from dataclasses import replace
 
 from navlearn.experiment.baselines import FilterRuns, filter_options
-from navlearn.experiment.feed_forward import FeedForward, run_feed_forward
+from navlearn.experiment.feed_forward import (
+    FeedForward,
+    Stretch,
+    run_feed_forward,
+    stretch_of,
+)
 from navlearn.fusion.loosely_coupled import LooselyCoupledEkf
 from navlearn.fusion.options import EkfOptions
 from navlearn.learning.pseudo_outages import PseudoOutages
@@ -70,6 +75,14 @@ class Beside:
         first = [round((start - begin) / self.dt) for start in emulated.start_time.tolist()]
         return [(gone, gone + length) for gone in first]
 
+    def stretch(self, span: tuple[int, int, int]) -> Stretch:
+        """Return what the filter needs to run over a span.
+
+        Raises:
+            FitError: The drive has no window before.
+        """
+        return stretch_of(self.closed, self.fixes, self.timing, span)
+
     def run(self, spans: list[tuple[int, int, int]]) -> list[FeedForward]:
         """Return a run per span, all made at once."""
-        return run_feed_forward(self.ekf, self.closed, self.fixes, self.timing, spans)
+        return run_feed_forward(self.ekf, [self.stretch(span) for span in spans])

@@ -6,8 +6,10 @@ mechanization runs on odometer and A_mec − δA_KF − ΔA from where the last 
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import islice
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -24,7 +26,7 @@ from navlearn.experiment.baselines import (
     believed,
     believed_table,
 )
-from navlearn.experiment.feed_forward import FeedForward
+from navlearn.experiment.feed_forward import FeedForward, Stretch, run_feed_forward
 from navlearn.experiment.learned import Learned, pseudo_outage_options
 from navlearn.experiment.perfect_azimuth import reckoned
 from navlearn.frames import enu_between
@@ -36,6 +38,24 @@ from navlearn.outages.replay import Solution
 from navlearn.outages.schedule import Outage
 from navlearn.recipe.azimuth_spec import AzimuthSpec
 from navlearn.states import RissSample, Trajectory
+
+
+class _Fallback(NamedTuple):
+    """The honest filter through an outage."""
+
+    t: Tensor
+    solution: Believed
+    outage: Outage
+
+
+class _Prepared(NamedTuple):
+    """An outage for which the feed-forward filter is to run."""
+
+    fallback: _Fallback
+    log_name: str
+    beside: Beside
+    emulated: PseudoOutages | None
+    stretches: list[Stretch]
 
 
 class AzimuthMethod:
@@ -69,37 +89,82 @@ class AzimuthMethod:
         Raises:
             FilterDivergedError: The paper's filter diverged, and no gate stands before it.
         """
+        return self.predict_many([log], [outage])[0]
+
+    def predict_many(self, logs: Sequence[DriveLog], outages: Sequence[Outage]) -> list[Solution]:
+        """Return the solutions of several outages, the same as one by one.
+
+        The feed-forward filter runs over the windows of all of them at once.
+
+        Args:
+            logs: A log per outage, as for :meth:`predict`.
+            outages: The outages.
+
+        Raises:
+            FilterDivergedError: The filter diverged in one of several, or no gate stands before.
+        """
+        asked = [self._prepared(log, outage) for log, outage in zip(logs, outages, strict=True)]
+        ready = [one for one in asked if isinstance(one, _Prepared)]
+        try:
+            stretches = [stretch for one in ready for stretch in one.stretches]
+            made = iter(run_feed_forward(ready[0].beside.ekf, stretches) if ready else [])
+        except FilterDivergedError as problem:
+            if len(asked) > 1:
+                raise
+            return [self._refused(ready[0].fallback, problem)]
+        return [
+            self._finished(one, list(islice(made, len(one.stretches))))
+            if isinstance(one, _Prepared)
+            else one
+            for one in asked
+        ]
+
+    def _prepared(self, log: DriveLog, outage: Outage) -> "_Prepared | Solution":
+        """Return what the feed-forward filter is to run over, or the honest filter's solution."""
         timeline, navigator, run = self.runs.run(log)
         t = timeline.t[run.first :]
-        solution = believed(run.history)
+        fallback = _Fallback(t, believed(run.history), outage)
         try:
             _, gone = last_fix(run)
             beside = Beside(self.runs, self.spec, log, timeline, run)
             begin = float(t[0] - run.samples.dt[0])
             emulated = self._emulated(beside, navigator, gone, begin)
             origins = [] if emulated is None else beside.origins(emulated, begin)
-            path, *replays = beside.run(
-                [beside.span(gone, len(run.samples.dt)), *(beside.span(*one) for one in origins)]
-            )
-            learned = fit_azimuth(
-                self.spec, beside.ekf.model, path, step=beside.step, log_name=log.metadata.name
-            )
-            verdict = self._verdict(beside, emulated, replays)
+            spans = [(gone, len(run.samples.dt)), *origins]
+            stretches = [beside.stretch(beside.span(*one)) for one in spans]
         except (FitError, FilterDivergedError) as problem:
-            if isinstance(problem, FilterDivergedError) and not self.spec.safeguard.gate:
-                raise
-            notes = {"used": False, "fitted": False, "reason": str(problem)}
-            return Solution(table=believed_table(t, solution, outage), notes=notes)
+            return self._refused(fallback, problem)
+        return _Prepared(fallback, log.metadata.name, beside, emulated, stretches)
+
+    def _refused(self, fallback: "_Fallback", problem: Exception) -> Solution:
+        """Return the honest filter's solution; a paper's filter that diverges has none."""
+        if isinstance(problem, FilterDivergedError) and not self.spec.safeguard.gate:
+            raise problem
+        notes = {"used": False, "fitted": False, "reason": str(problem)}
+        return Solution(table=believed_table(*fallback), notes=notes)
+
+    def _finished(self, ready: "_Prepared", runs: list[FeedForward]) -> Solution:
+        """Return the solution of an outage from the feed-forward filter's runs."""
+        beside, (path, *replays) = ready.beside, runs
+        try:
+            learned = fit_azimuth(
+                self.spec, beside.ekf.model, path, step=beside.step, log_name=ready.log_name
+            )
+            verdict = self._verdict(beside, ready.emulated, replays)
+        except (FitError, FilterDivergedError) as problem:
+            return self._refused(ready.fallback, problem)
         if self.keep is not None:
             example, record = learned.inputs[learned.origin :], learned.fitted.record
             self.keep(
                 self.spec.name,
                 Learned(fitted=learned.fitted, verdict=verdict, example=example, trial=record),
             )
+        solution = ready.fallback.solution
         if verdict.use:
             solution = _joined(solution, path, steer(beside.options, path, learned))
         notes = _notes(self.spec, learned, verdict)
-        return Solution(table=believed_table(t, solution, outage), notes=notes)
+        table = believed_table(ready.fallback.t, solution, ready.fallback.outage)
+        return Solution(table=table, notes=notes)
 
     def _emulated(
         self, beside: Beside, navigator: Navigator, gone: int, begin: float

@@ -5,6 +5,7 @@ drive a low-cost gyro leaves the range in which that error is linear; so the fre
 starts anew where a training window begins, from what the closed filter believes there.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import torch
@@ -57,57 +58,91 @@ def block_before(history: FilterHistory, sample: int) -> int:
     return int(found[-1])
 
 
-def run_feed_forward(
-    ekf: LooselyCoupledEkf,
-    closed: NavigatorRun,
-    fixes: GnssFix,
-    timing: FixTiming,
-    spans: list[tuple[int, int, int]],
-) -> list[FeedForward]:
-    """Run a feed-forward filter over spans of a drive, all at once.
+class Stretch(NamedTuple):
+    """What a feed-forward filter is to run over.
+
+    Attributes:
+        start: Where it starts.
+        samples: Intervals, shape (T,) each.
+        fixes: Fixes up to where GNSS is gone, shape (M,) each.
+        timing: Where they fall among the intervals, shape (M,) each.
+        begin: Which interval of the closed run the first one is.
+        gone: Which of the intervals is the first without GNSS.
+    """
+
+    start: Belief
+    samples: RissSample
+    fixes: GnssFix
+    timing: FixTiming
+    begin: int
+    gone: int
+
+
+def stretch_of(
+    closed: NavigatorRun, fixes: GnssFix, timing: FixTiming, span: tuple[int, int, int]
+) -> Stretch:
+    """Return what a feed-forward filter needs to run over a span of a drive.
 
     Args:
-        ekf: The filter, of the same error state as that of the closed run.
         closed: A run with feedback, which tells where to start.
         fixes: Fixes of the drive, shape (M,) each.
         timing: Where they fall among the intervals of the closed run, shape (M,) each.
-        spans: Per span where it begins, the first interval without GNSS, and the interval after
-            its last one, as numbers of the closed run's intervals.
+        span: Where it begins, the first interval without GNSS, and the interval after the last
+            one, as numbers of the closed run's intervals.
 
     Returns:
-        A run per span; each begins after the last block of the closed run before its begin.
+        A stretch that begins after the last block of the closed run before the span.
+
+    Raises:
+        FitError: The closed run has no block before the span.
     """
-    starts, records = [], []
-    for begin, gone, stop in spans:
-        block = block_before(closed.history, begin)
-        first = int(closed.history.end[block]) + 1
-        starts.append(belief_at(closed.history, block))
-        within = (timing.index >= first) & (timing.index < gone)
-        records.append(
-            (
-                first,
-                gone - first,
-                RissSample(*(channel[first:stop] for channel in closed.samples)),
-                GnssFix(*(channel[within] for channel in fixes)),
-                FixTiming(timing.index[within] - first, timing.delay[within]),
-            )
-        )
-    length = max(len(record[2].dt) for record in records)
-    most = max(len(record[4].index) for record in records)
+    begin, gone, stop = span
+    block = block_before(closed.history, begin)
+    first = int(closed.history.end[block]) + 1
+    within = (timing.index >= first) & (timing.index < gone)
+    return Stretch(
+        belief_at(closed.history, block),
+        RissSample(*(channel[first:stop] for channel in closed.samples)),
+        GnssFix(*(channel[within] for channel in fixes)),
+        FixTiming(timing.index[within] - first, timing.delay[within]),
+        first,
+        gone - first,
+    )
+
+
+def run_feed_forward(ekf: LooselyCoupledEkf, stretches: list[Stretch]) -> list[FeedForward]:
+    """Run a feed-forward filter over stretches of one or several drives, all at once.
+
+    Args:
+        ekf: The filter, of the same error state as that of the closed runs.
+        stretches: What to run over.
+
+    Returns:
+        A run per stretch.
+    """
+    length = max(len(one.samples.dt) for one in stretches)
+    most = max(len(one.timing.index) for one in stretches)
     with torch.no_grad():
         history = ekf(
-            _stacked(starts),
-            RissSample(*_padded([record[2] for record in records], length)),
-            GnssFix(*_padded([record[3] for record in records], most)),
+            _stacked([one.start for one in stretches]),
+            RissSample(*_padded([one.samples for one in stretches], length)),
+            GnssFix(*_padded([one.fixes for one in stretches], most)),
             FixTiming(
-                torch.stack([_filled(record[4].index, most, -1) for record in records]),
-                torch.stack([_filled(record[4].delay, most, 0.0) for record in records]),
+                torch.stack([_filled(one.timing.index, most, -1) for one in stretches]),
+                torch.stack([_filled(one.timing.delay, most, 0.0) for one in stretches]),
             ),
             method="exact",
         )
     return [
-        FeedForward(samples, known, when, _one(history, b, len(samples.dt)), first, gone)
-        for b, (first, gone, samples, known, when) in enumerate(records)
+        FeedForward(
+            one.samples,
+            one.fixes,
+            one.timing,
+            _one(history, b, len(one.samples.dt)),
+            one.begin,
+            one.gone,
+        )
+        for b, one in enumerate(stretches)
     ]
 
 
@@ -117,7 +152,7 @@ def _stacked(beliefs: list[Belief]) -> Belief:
     return Belief(state, *rest)
 
 
-def _padded(rows: list[tuple[Tensor, ...]], length: int) -> list[Tensor]:
+def _padded(rows: Sequence[tuple[Tensor, ...]], length: int) -> list[Tensor]:
     """Return channels of several records, padded with zeros: intervals that move nothing."""
     return [
         torch.stack([_filled(channel, length, 0.0) for channel in channels])

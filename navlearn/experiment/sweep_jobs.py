@@ -9,9 +9,10 @@ import json
 import os
 import time
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 import torch
@@ -29,7 +30,7 @@ from navlearn.logs.sensor_truth import SensorTruth
 from navlearn.logs.synthetic import simulate_drive
 from navlearn.logs.synthetic.degrade import degraded_drive
 from navlearn.outages.known_log import sees_after
-from navlearn.outages.replay import Method, Solution, replay
+from navlearn.outages.replay import BatchMethod, Method, Solution, replay
 from navlearn.outages.schedule import Outage
 from navlearn.outages.tables import write_outages_csv
 from navlearn.recipe.sweep import CLASSES, DegradedDrives, SimulatedDrives, SweepRecipe
@@ -187,10 +188,10 @@ def outage_rows(job: SweepJob, log: DriveLog, truth: SensorTruth, duration: floa
     knows = truth_for(recipe, ready.log, truth)
     runs = FilterRuns(recipe, growing=True)
     methods = {
-        name: TimedMethod(method)
+        name: timed(method)
         for name, method in build_methods(recipe, truth=knows, runs=runs).items()
     }
-    found = replay(ready.log, ready.placement.outages, methods, progress=False)
+    found = replay(ready.log, ready.placement.outages, methods, batched=True, progress=False)
     spent = [
         methods[name].spent.get(start, float("nan"))
         for name, start in zip(found.rows["method"], found.rows["start_s"], strict=True)
@@ -223,6 +224,33 @@ class TimedMethod:
             return self.method.predict(log, outage)
         finally:
             self.spent[outage.start] = time.process_time() - before
+
+
+class TimedBatchMethod(TimedMethod):
+    """A method that takes several outages at once; each counts for its share of the time."""
+
+    def predict_many(self, logs: Sequence[DriveLog], outages: Sequence[Outage]) -> list[Solution]:
+        """Return the method's solutions.
+
+        Args:
+            logs: What the method may know, per outage.
+            outages: The outages.
+        """
+        before = time.process_time()
+        many: Any = self.method
+        made: list[Solution] = many.predict_many(logs, outages)
+        each = (time.process_time() - before) / len(outages)
+        self.spent |= {outage.start: each for outage in outages}
+        return made
+
+
+def timed(method: Method) -> TimedMethod:
+    """Return a method that notes its processor time, several outages at once where it can.
+
+    Args:
+        method: The method.
+    """
+    return TimedBatchMethod(method) if isinstance(method, BatchMethod) else TimedMethod(method)
 
 
 def write_rows(file: Path, rows: pd.DataFrame) -> None:

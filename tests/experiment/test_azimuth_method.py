@@ -23,7 +23,7 @@ from navlearn.logs.drive_log import DriveLog
 from navlearn.navigator import belief_at
 from navlearn.outages.known_log import known_log
 from navlearn.outages.metrics import check_solution
-from navlearn.outages.replay import Solution
+from navlearn.outages.replay import BatchMethod, Solution
 from navlearn.outages.schedule import Outage
 from navlearn.recipe import Recipe
 from navlearn.recipe.azimuth_spec import AzimuthSpec
@@ -235,6 +235,24 @@ def test_nothing_in_or_after_the_outage_is_used(
     moved = build_methods(recipe)["shen2010"].predict(known_log(earlier, OUTAGE), OUTAGE)
     first = clean["shen2010"].predict(known_log(log, OUTAGE), OUTAGE)
     assert not moved.table["lat"].equals(first.table["lat"])
+
+
+def test_several_outages_at_once_equal_one_by_one(runs: FilterRuns, short_drive: DriveLog) -> None:
+    outages = [OUTAGE, Outage(400.5, 25.0)]
+    logs = [known_log(short_drive, one) for one in outages]
+    for name in ("shen2010_safe", "iqbal2020"):
+        spec = BUILT_IN[name]
+        assert isinstance(spec, AzimuthSpec)
+        method = AzimuthMethod(runs, spec)
+        assert isinstance(method, BatchMethod)
+        together = method.predict_many(logs, outages)
+        for one, known, outage in zip(together, logs, outages, strict=True):
+            alone = method.predict(known, outage)
+            assert one.notes["used"] == alone.notes["used"]
+            # The last block of a shorter window is closed after intervals that pad it.
+            figures = list(alone.table.columns.drop("t"))
+            np.testing.assert_array_equal(one.table["t"], alone.table["t"])
+            np.testing.assert_allclose(one.table[figures], alone.table[figures], atol=1e-5)
 
 
 def test_spans_before_the_filter_began_are_refused(runs: FilterRuns, known: DriveLog) -> None:
