@@ -30,7 +30,8 @@ FIXED_METHODS: Final[dict[str, FixedMethod]] = {
         "the honest filter: position, azimuth, gyro bias, odometer scale; tuned, gated"
     ),
     "rts": FixedMethod(
-        "the honest filter smoothed back from fixes after the outage", "post-processing"
+        "the honest filter smoothed from the fixes before the outage and for 120 s after it",
+        "post-processing",
     ),
     "oracle": FixedMethod(
         "the filter on a gyro whose deterministic errors are taken off", "oracle"
