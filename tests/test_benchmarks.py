@@ -13,7 +13,7 @@ SMALLEST = {
     "fos": ["--rows", "100", "--repeats", "1", "--draws", "2"],
     "fos_peers": ["--rows", "100", "--repeats", "1", "--noise", "0.3", "--seeds", "1"],
     "mechanization": ["--repeats", "1", "--loop-samples", "100"],
-    "pci": ["--repeats", "1", "--windows", "2", "--draws", "2", "--rows", "100"],
+    "pci": ["--repeats", "1", "--windows", "2", "--draws", "2", "--rows", "100", "--seeds", "1"],
     "predictor": ["--rows", "20", "--repeats", "1"],
     "simulated_drives": ["--grades", "mems_m", "--drives", "1", "--outages", "1x30"],
     "smoothing": [

@@ -29,6 +29,20 @@ INPUT_UNITS: Final[dict[str, str]] = {
 }
 """Units of the channels of :mod:`navlearn.error_models.regressors`."""
 
+FILTER_UNITS: Final[dict[str, str]] = {
+    **dict.fromkeys(("east", "north", "up"), "m"),
+    **dict.fromkeys(("v_east", "v_north", "v_up"), "m/s"),
+    **dict.fromkeys(("azimuth", "pitch_bias"), "rad"),
+    **dict.fromkeys(("gyro_scale", "gyro_abs_scale", "speed_scale"), "1"),
+    **dict.fromkeys(("gyro_f_x", "gyro_f_y"), "rad·s/m"),
+    "acceleration_bias": "m/s²",
+    "gyro_bias": "rad/s",
+    "gyro_quadratic": "s/rad",
+    "speed_delay": "s",
+    "speed_offset": "m/s",
+}
+"""Units of the errors that a filter predicts of itself, which the azimuth models read."""
+
 OUTPUT_UNITS: Final[dict[str, str]] = {
     "gyro_rate": "rad/s",
     "azimuth_rate": "rad per step",
@@ -106,13 +120,13 @@ def describe(fitted: FittedErrorModel) -> PredictorMetadata:
         fitted: The model with its training record.
 
     Raises:
-        ConfigError: The record names no inputs or outputs, or an input whose unit neither it nor
-            ``INPUT_UNITS`` tells.
+        ConfigError: The record names no inputs or outputs, or an input whose unit is not known.
     """
     record = fitted.record
     model: Any = fitted.model
     source = record.source
-    units = source.input_units or tuple(INPUT_UNITS.get(name, "") for name in source.inputs)
+    known = FILTER_UNITS | INPUT_UNITS
+    units = source.input_units or tuple(known.get(name, "") for name in source.inputs)
     unknown = [name for name, unit in zip(source.inputs, units, strict=True) if not unit]
     if unknown or not source.inputs or not source.outputs:
         raise ConfigError(

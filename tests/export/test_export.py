@@ -19,7 +19,9 @@ from navlearn.error_models.regressors import CHANNELS, build_regressors
 from navlearn.errors import ConfigError, FitError, LogNotFoundError, OutputExistsError, ShapeError
 from navlearn.export import PredictorMetadata, describe, export_predictor, load_predictor
 from navlearn.export.example import load_example, save_example
-from navlearn.export.metadata import FORMAT, INPUT_UNITS, OUTPUT_UNITS
+from navlearn.export.metadata import FILTER_UNITS, FORMAT, INPUT_UNITS, OUTPUT_UNITS
+from navlearn.fusion.error_state import error_layout
+from navlearn.fusion.options import GYRO_TERMS, SPEED_TERMS, EkfOptions
 
 Fitted = Callable[..., FittedErrorModel]
 Inputs = Callable[..., Tensor]
@@ -141,20 +143,27 @@ def test_inputs_may_bring_their_units(
     tmp_path: Path, make_fitted: Fitted, make_inputs: Inputs
 ) -> None:
     source = TrainingSource(
-        inputs=("azimuth_estimate", "speed", "height"),
+        inputs=("temperature", "speed", "height"),
         outputs=("azimuth",),
         acts_on="azimuth",
-        input_units=("rad", "m/s", "m"),
+        input_units=("°C", "m/s", "m"),
     )
     path = tmp_path / "p.pt"
     export_predictor(make_fitted(kind="pci", source=source), path, check_inputs=make_inputs())
-    assert load_predictor(path).metadata.input_units == ("rad", "m/s", "m")
+    assert load_predictor(path).metadata.input_units == ("°C", "m/s", "m")
+    filtered = replace(source, inputs=("azimuth", "gyro_bias", "speed_scale"), input_units=())
+    found = describe(make_fitted(kind="fos", source=filtered))
+    assert found.input_units == ("rad", "rad/s", "1")
     with pytest.raises(ConfigError, match="2 input_units for 3 inputs"):
         replace(source, input_units=("rad", "m/s"))
 
 
 def test_every_channel_and_target_has_a_unit() -> None:
     assert tuple(INPUT_UNITS) == CHANNELS
+    shen = error_layout(EkfOptions(model="shen2010")).names
+    terms = {f"gyro_{term}" for term in GYRO_TERMS} | {f"speed_{term}" for term in SPEED_TERMS}
+    assert set(FILTER_UNITS) == terms | set(shen) | {"pitch_bias"}
+    assert not set(FILTER_UNITS) & set(INPUT_UNITS)
     assert set(OUTPUT_UNITS) == set(ACTS_ON)
     scale = signature(build_regressors).parameters["delay_scale"].default
     assert INPUT_UNITS["delay"] == f"{scale:g} s"
