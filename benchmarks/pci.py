@@ -7,7 +7,8 @@ noiseless output, as a share of its spread. No package does PCI: the peers ident
 cascades as a polynomial of third degree of the lagged inputs, of at most 40 terms where they choose
 any. Command:
 
-    python benchmarks/pci.py [--repeats 3] [--windows 32] [--draws 200] [--rows 600 3000] [--seeds 3]
+    python benchmarks/pci.py [--repeats 3] [--windows 32] [--draws 200] [--rows 600 3000]
+        [--seeds 3]
 """
 
 import argparse
