@@ -148,7 +148,12 @@ class AzimuthMethod:
         beside, (path, *replays) = ready.beside, runs
         try:
             learned = fit_azimuth(
-                self.spec, beside.ekf.model, path, step=beside.step, log_name=ready.log_name
+                self.spec,
+                beside.ekf.model,
+                path,
+                step=beside.step,
+                log_name=ready.log_name,
+                begin=float(ready.fallback.t[0]) + (path.begin - 1) * beside.dt,
             )
             verdict = self._verdict(beside, ready.emulated, replays)
         except (FitError, FilterDivergedError) as problem:
@@ -283,7 +288,7 @@ def _notes(spec: AzimuthSpec, learned: AzimuthModel, verdict: GateVerdict) -> di
         if spec.safeguard.gate
         else "no gate: the spec switches it off, as the paper has none"
     )
-    unit = "deg" if spec.target == "angle" else "deg_per_s"
+    unit = "deg" if spec.target == "angle" else "deg_per_step"
     notes: dict[str, object] = {
         "used": verdict.use,
         "fitted": True,

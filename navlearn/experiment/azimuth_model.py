@@ -1,6 +1,6 @@
 """The papers' models of the residual azimuth error: fitted to a window, run through an outage."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -17,6 +17,7 @@ from navlearn.learning.azimuth_windows import (
     AzimuthRows,
     azimuth_rows,
     azimuth_target,
+    error_unit,
     residual_azimuth,
 )
 from navlearn.logs.nearest import nearest_hint
@@ -33,7 +34,7 @@ class AzimuthModel:
         inputs: Their regressors, shape (N, m).
         origin: Row at which GNSS ended.
         residual: ΔA through the outage, from row ``origin`` on, rad, shape (N − origin,).
-        training_error: RMS of what is left of the target in the window, rad or rad/s.
+        training_error: RMS of what is left of the target in the window, rad or rad per step.
         explained: Share of the target's mean square that the model takes there.
     """
 
@@ -93,7 +94,13 @@ def input_columns(spec: AzimuthSpec, model: FilterModel) -> list[int]:
 
 
 def fit_azimuth(
-    spec: AzimuthSpec, model: FilterModel, run: FeedForward, *, step: float, log_name: str = ""
+    spec: AzimuthSpec,
+    model: FilterModel,
+    run: FeedForward,
+    *,
+    step: float,
+    log_name: str = "",
+    begin: float = 0.0,
 ) -> AzimuthModel:
     """Fit a model to the window of a feed-forward run, and run it through the outage after it.
 
@@ -103,6 +110,7 @@ def fit_azimuth(
         run: Its run over window and outage.
         step: Time between rows, s.
         log_name: For the record.
+        begin: When the run's first interval begins, s from the start of the log, for the record.
 
     Raises:
         FitError: The window holds nothing to learn from.
@@ -113,19 +121,20 @@ def fit_azimuth(
         step=step, slowest=spec.course_speed, origin=run.gone - 1,
     )  # fmt: skip
     columns = input_columns(spec, model)
-    return fit_rows(
-        spec,
-        rows,
-        columns,
-        origin=int((rows.time - run.samples.dt[: run.gone].sum()).abs().argmin()),
-        source=TrainingSource(
-            logs=(log_name,) if log_name else (),
-            acts_on="azimuth" if spec.target == "angle" else "azimuth_rate",
-            inputs=tuple(model.layout.names[k] for k in columns),
-            outputs=("azimuth",),
-            time_step=step,
-        ),
+    names = tuple(model.layout.names[k] for k in columns)
+    source = TrainingSource(
+        logs=(log_name,) if log_name else (),
+        acts_on="azimuth" if spec.target == "angle" else "azimuth_rate",
+        inputs=names,
+        outputs=("azimuth",),
+        time_step=step,
+        input_units=tuple(error_unit(name) for name in names),
     )
+    origin = int((rows.time - run.samples.dt[: run.gone].sum()).abs().argmin())
+    learned = fit_rows(spec, rows, columns, origin=origin, source=source)
+    span = (begin + float(rows.time[0]), begin + float(rows.time[origin]))
+    record = replace(learned.fitted.record, time_span=span)
+    return replace(learned, fitted=replace(learned.fitted, record=record))
 
 
 def fit_rows(
@@ -143,14 +152,14 @@ def fit_rows(
         rows: All rows.
         columns: Which predicted errors are inputs.
         origin: The last row with GNSS.
-        source: For the record.
+        source: For the record, and how far rows are apart.
 
     Raises:
         FitError: The rows hold nothing to learn from.
     """
-    inputs = rows.inputs[:, columns]
+    inputs, step = rows.inputs[:, columns], (source or TrainingSource()).time_step
     window = AzimuthRows(*(channel[: origin + 1] for channel in rows))
-    target, weight = azimuth_target(window, spec.target)
+    target, weight = azimuth_target(window, spec.target, step)
     u, y = inputs[: origin + 1], target.unsqueeze(-1)
     if spec.structure == "fos":
         fitted = fit_fos(u, y, weight, spec.fos_options(), source)
@@ -166,7 +175,7 @@ def fit_rows(
         rows=rows,
         inputs=inputs,
         origin=origin,
-        residual=residual_azimuth(output[origin:], rows.time[origin:], spec.target),
+        residual=residual_azimuth(output[origin:], rows.time[origin:], spec.target, step),
         training_error=float(left.sqrt()),
         explained=1.0 - float(left / whole) if float(whole) > 0.0 else 0.0,
     )

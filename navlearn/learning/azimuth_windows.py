@@ -6,7 +6,7 @@ filter's prediction of its error, and course. The regressors are the filter's pr
 errors, which only a filter that feeds nothing back has.
 """
 
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import torch
 from torch import Tensor
@@ -168,7 +168,7 @@ def _nearest(ends: Tensor, with_fix: Tensor, wanted: Tensor, step: float) -> Ten
     return (distance + torch.where(with_fix, 0.0, 0.5 * step)).argmin(-1)
 
 
-def azimuth_target(rows: AzimuthRows, reading: str) -> tuple[Tensor, Tensor]:
+def azimuth_target(rows: AzimuthRows, reading: str, step: float = 1.0) -> tuple[Tensor, Tensor]:
     """Return what is to be learned, and where it is known.
 
     ``angle``: ΔA itself. ``rate``: how much faster the azimuth error grew from one row to the
@@ -177,9 +177,10 @@ def azimuth_target(rows: AzimuthRows, reading: str) -> tuple[Tensor, Tensor]:
     Args:
         rows: Rows with fixes.
         reading: ``angle`` or ``rate``.
+        step: Time between rows, s.
 
     Returns:
-        Target, rad or rad/s, zero where not known, and weights 1.0 or 0.0, shape (N,) each.
+        Target, rad or rad per step, zero where not known, and weights 1.0 or 0.0, shape (N,) each.
 
     Raises:
         ConfigError: The reading is another word.
@@ -192,11 +193,11 @@ def azimuth_target(rows: AzimuthRows, reading: str) -> tuple[Tensor, Tensor]:
     after = wrap_angle(rows.azimuth - rows.updated - rows.course)
     grown = wrap_angle(left[1:] - after[:-1])
     known = torch.nn.functional.pad(rows.has_course[1:] * rows.has_course[:-1], (1, 0))
-    rate = torch.nn.functional.pad(grown / torch.diff(rows.time).clamp(min=1e-9), (1, 0))
+    rate = torch.nn.functional.pad(grown * step / torch.diff(rows.time).clamp(min=1e-9), (1, 0))
     return torch.where(known > 0.0, rate, 0.0), known
 
 
-def residual_azimuth(output: Tensor, time: Tensor, reading: str) -> Tensor:
+def residual_azimuth(output: Tensor, time: Tensor, reading: str, step: float = 1.0) -> Tensor:
     """Return ΔA through an outage from a model's output.
 
     Args:
@@ -205,11 +206,37 @@ def residual_azimuth(output: Tensor, time: Tensor, reading: str) -> Tensor:
         time: Their times, s, shape (N,).
         reading: What the model was trained on; a ``rate`` is integrated from zero at the first
             row, where the filter has just been told.
+        step: Time between rows, s.
 
     Returns:
         ΔA, rad, shape (N,).
     """
     if reading == "angle":
         return output
-    grown = torch.cumsum(output[1:] * torch.diff(time), -1)
+    grown = torch.cumsum(output[1:] * torch.diff(time) / step, -1)
     return torch.nn.functional.pad(grown, (1, 0))
+
+
+def error_unit(name: str) -> str:
+    """Return the unit of an error in a filter's error state.
+
+    Args:
+        name: Its name, as :func:`navlearn.fusion.error_state.error_layout` gives it.
+    """
+    return _UNITS.get(name, "m/s" if name.startswith("v_") else "1")
+
+
+_UNITS: Final = {
+    "east": "m",
+    "north": "m",
+    "up": "m",
+    "azimuth": "rad",
+    "acceleration_bias": "m/s^2",
+    "gyro_bias": "rad/s",
+    "gyro_quadratic": "s/rad",
+    "gyro_f_x": "rad s/m",
+    "gyro_f_y": "rad s/m",
+    "speed_delay": "s",
+    "speed_offset": "m/s",
+    "pitch_bias": "rad",
+}

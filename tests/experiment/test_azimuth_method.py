@@ -16,7 +16,9 @@ from navlearn.experiment.azimuth_model import fit_azimuth
 from navlearn.experiment.baselines import FilterMethod, FilterRuns
 from navlearn.experiment.drive import prepare_drive
 from navlearn.experiment.feed_forward import FeedForward, block_before
+from navlearn.experiment.learned import Learned
 from navlearn.experiment.methods import build_methods
+from navlearn.export import describe
 from navlearn.frames import enu_between
 from navlearn.learning.azimuth_windows import azimuth_rows, predicted_errors
 from navlearn.logs.drive_log import DriveLog
@@ -86,6 +88,25 @@ def test_every_built_in_solves_and_tells_its_verdict(
         moved = (found.table["lat"] - plain["lat"]).abs() * 6.37e6
         assert moved.iloc[0] < 3.0  # both go on from the last fix
         assert moved.max() > 1e-3
+
+
+def test_what_is_kept_can_be_exported_and_tells_when_it_learned(
+    runs: FilterRuns, known: DriveLog
+) -> None:
+    kept: list[Learned] = []
+    for structure in ("fos", "pci"):
+        spec = AzimuthSpec(
+            name="a", structure=structure, window_s=60.0, target="rate", safeguard=RAW
+        )
+        AzimuthMethod(runs, spec, lambda _, one: kept.append(one)).predict(known, OUTAGE)
+    for learned in kept:
+        told = describe(learned.fitted)
+        assert told.input_units[told.inputs.index("azimuth")] == "rad"
+        assert told.output_units == ("rad per step",)
+        begin, end = learned.fitted.record.time_span
+        assert OUTAGE.start - 1.5 < end <= OUTAGE.start
+        assert 57.0 < end - begin < 61.0
+        assert learned.example.shape == (22, len(told.inputs))
 
 
 def test_refused_is_exactly_the_filter(runs: FilterRuns, known: DriveLog) -> None:

@@ -6,7 +6,15 @@ from torch import Tensor
 
 from navlearn.attitude import wrap_angle
 from navlearn.errors import ConfigError
-from navlearn.learning.azimuth_windows import AzimuthRows, azimuth_target, residual_azimuth
+from navlearn.fusion.error_state import error_layout
+from navlearn.fusion.options import GYRO_TERMS, SPEED_TERMS, EkfOptions
+from navlearn.learning.azimuth_windows import (
+    AzimuthRows,
+    azimuth_target,
+    error_unit,
+    residual_azimuth,
+)
+from navlearn.mechanization.options import RissOptions
 
 
 def rows_with(residual: Tensor, predicted: Tensor, correction: Tensor | None = None) -> AzimuthRows:
@@ -47,6 +55,9 @@ def test_rate_is_what_the_filter_did_not_foretell() -> None:
         target[1:], torch.full((49,), 0.006, dtype=torch.float64), atol=1e-12, rtol=0
     )
     assert weight.tolist() == [0.0] + [1.0] * 49
+    # The same record with its clock at half the pace: as much grows in a step of two seconds.
+    slower, _ = azimuth_target(rows._replace(time=2.0 * time), "rate", step=2.0)
+    torch.testing.assert_close(slower, target, atol=1e-15, rtol=0)
 
 
 def test_rows_without_course_carry_no_weight_and_no_garbage() -> None:
@@ -68,7 +79,24 @@ def test_a_rate_is_integrated_from_the_last_fix_on() -> None:
     rate = torch.tensor([9.0, 0.1, 0.2, -0.1]).double()
     expected = torch.tensor([0.0, 0.1, 0.1 + 0.22, 0.1 + 0.22 - 0.09]).double()
     torch.testing.assert_close(residual_azimuth(rate, time, "rate"), expected)
+    torch.testing.assert_close(residual_azimuth(0.5 * rate, time, "rate", step=0.5), expected)
     assert residual_azimuth(rate, time, "angle") is rate
+
+
+def test_every_error_of_every_filter_has_its_unit() -> None:
+    options = EkfOptions(
+        gyro_terms=GYRO_TERMS,
+        speed_terms=SPEED_TERMS,
+        mechanization=RissOptions(dimensions=3),
+    )
+    units = {name: error_unit(name) for name in error_layout(options).names}
+    assert units["gyro_bias"] == "rad/s"
+    assert units["pitch_bias"] == units["azimuth"] == "rad"
+    without = {name for name, unit in units.items() if unit == "1"}
+    assert without == {"gyro_scale", "gyro_abs_scale", "speed_scale"}
+    names = error_layout(EkfOptions(model="shen2010")).names
+    assert [error_unit(name) for name in names[3:6]] == ["m/s"] * 3
+    assert "1" not in map(error_unit, names)
 
 
 def test_an_unknown_reading_is_refused() -> None:
