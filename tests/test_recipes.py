@@ -7,13 +7,17 @@ import yaml
 
 from navlearn.errors import LogNotFoundError
 from navlearn.experiment import run_recipe
+from navlearn.experiment.sweep import run_sweep
 from navlearn.logs.descriptor import load_descriptor
 from navlearn.logs.reading import read_log
 from navlearn.recipe import AnarxSpec, Recipe, load_recipe, load_spec
 from navlearn.recipe.spec_base import SafeguardSpec
+from navlearn.recipe.strict import parse
+from navlearn.recipe.sweep import DegradedDrives, SweepRecipe, is_sweep, load_sweep
 
 ROOT = Path(__file__).resolve().parents[1]
-RECIPES = sorted((ROOT / "training").glob("*.yaml"))
+SWEEPS = sorted(path for path in (ROOT / "training").glob("*.yaml") if is_sweep(path))
+RECIPES = sorted(set((ROOT / "training").glob("*.yaml")) - set(SWEEPS))
 SPECS = sorted((ROOT / "models").glob("*.yaml"))
 DESCRIPTORS = sorted((ROOT / "datasets").glob("*.yaml"))
 
@@ -31,8 +35,23 @@ def cut_to_one_step(recipe: Recipe) -> Recipe:
     return recipe.model_copy(update={"models": tuple(specs), "outages": outages})
 
 
+def cut_to_one_drive(sweep: SweepRecipe) -> SweepRecipe:
+    """Return the sweep with one outage on one drive, which is none of those that are scored."""
+    content = sweep.resolved()
+    del content["versions"]
+    length = {} if isinstance(sweep.sweep, DegradedDrives) else {"duration_s": 1000.0}
+    content["sweep"] |= {"grades": ["mems_l"], "drives": 1, "first_seed": 11, **length}
+    content["sweep"]["durations_s"] = [60.0]
+    content["outages"]["count"] = 1
+    for model in content["models"]:
+        if model.get("type") == "anarx":
+            model |= {"max_iterations": 1, "starts": 1}
+    return parse(SweepRecipe, content, file=sweep.name)
+
+
 def test_there_is_something_to_open() -> None:
     assert RECIPES
+    assert SWEEPS
     assert SPECS
     assert DESCRIPTORS
 
@@ -55,6 +74,16 @@ def test_recipe_parses_and_names_what_exists(path: Path) -> None:
     assert recipe.question.endswith("?")
     if recipe.log.descriptor is not None:
         assert recipe.log.descriptor.is_file()
+
+
+@named(SWEEPS)
+def test_sweep_parses_and_names_what_exists(path: Path) -> None:
+    sweep = load_sweep(path)
+    assert sweep.name == path.stem
+    assert sweep.question.endswith("?")
+    if isinstance(sweep.sweep, DegradedDrives):
+        assert sweep.sweep.log.descriptor is not None
+        assert sweep.sweep.log.descriptor.is_file()
 
 
 @named(SPECS)
@@ -96,3 +125,20 @@ def test_recipe_runs_one_step(path: Path, tmp_path: Path) -> None:
     assert list(result.table["method"]) == list(recipe.methods)
     assert (result.table["max_horizontal_error_m"] > 0.0).all()
     assert load_recipe(result.folder / "recipe.yaml") == recipe
+
+
+@named(SWEEPS)
+def test_sweep_runs_one_drive(path: Path, tmp_path: Path) -> None:
+    sweep = cut_to_one_drive(load_sweep(path))
+    if isinstance(sweep.sweep, DegradedDrives):
+        assert sweep.sweep.log.descriptor is not None
+        try:
+            read_log(sweep.sweep.log.descriptor)
+        except LogNotFoundError as problem:
+            pytest.skip(f"the log is not here: {problem}")
+    result = run_sweep(sweep, tmp_path / "run", progress=False)
+    assert result.failures == ()
+    assert list(result.table["method"]) == list(sweep.methods)
+    assert (result.table["max_horizontal_error_m"] > 0.0).all()
+    assert (result.table["failure"] == "").all()
+    assert load_sweep(result.folder / "recipe.yaml") == sweep
