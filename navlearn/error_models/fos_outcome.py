@@ -60,7 +60,7 @@ def read_outcomes(search: Search, candidates: Candidates, target: Tensor) -> lis
     """
     root = candidates.weight.sqrt()
     slots = search.chosen.shape[1]
-    used = search.used
+    used = search.used()
     chosen = candidates.columns(search.chosen) * root.unsqueeze(1) * used.unsqueeze(2)
     goal = torch.nn.functional.pad(root * target, [0, slots])
     ridge = search.options.ridge * (search.chosen != 0).double()

@@ -24,17 +24,15 @@ def exchange_terms(search: Search) -> Tensor:
 def kick_terms(search: Search) -> Tensor:
     """Drop some terms at random, search and exchange again; return the kicks that gained, (B,)."""
     generator = torch.Generator().manual_seed(search.options.seed)
-    slots = search.chosen.shape[1]
-    gained = torch.zeros_like(search.chosen[:, 0])
+    gained = torch.zeros_like(search.count)
     for _ in range(search.options.kicks):
         before = search.copy_state()
-        places = torch.randperm(slots, generator=generator)[:KICKED].tolist()
-        dropped = search.used[:, places]
-        for place, windows in zip(places, dropped.unbind(1), strict=True):
-            search.drop(torch.full_like(gained, place), windows)
-        for place, windows in zip(places, dropped.unbind(1), strict=True):
+        for draw in torch.rand(KICKED, generator=generator, dtype=torch.float64):
+            search.drop((draw * search.count).long(), search.count > 0)
+        for _ in range(KICKED):
             index, reduction = search.best()
-            search.add(place, index, search.gram_rows(index), windows & (reduction > 0.0))
+            missing = (search.count < before.count) & (reduction > 0.0)
+            search.add(index, search.gram_rows(index), missing)
         _sweep(search)
         better = search.error < before.error * (1.0 - 1e-9)
         search.put_back(before, ~better)
@@ -45,12 +43,11 @@ def kick_terms(search: Search) -> Tensor:
 
 def search_backward(search: Search) -> Tensor:
     """Drop terms that the rule would not accept, the weakest first; return their number, (B,)."""
-    dropped = torch.zeros_like(search.chosen[:, 0])
+    dropped = torch.zeros_like(search.count)
     while True:
         gain, place = _own_gains(search).min(1)
-        count = search.used.sum(1)
-        error = search.error + gain
-        weak = (count > 0) & (gain <= search.levels((count - 1).clamp(min=0)) * error)
+        level = search.levels((search.count - 1).clamp(min=0))
+        weak = (search.count > 0) & (gain <= level * (search.error + gain))
         if not bool(weak.any()):
             return dropped
         search.drop(place, weak)
@@ -60,38 +57,36 @@ def search_backward(search: Search) -> Tensor:
 
 def _sweep(search: Search) -> Tensor:
     """Exchange every term, sweep after sweep; return the swaps of each window, shape (B,)."""
-    swaps = torch.zeros_like(search.chosen[:, 0])
-    going = torch.ones_like(swaps, dtype=torch.bool)
+    swaps = torch.zeros_like(search.count)
+    going = search.count > 0
     for _ in range(search.options.exchange_sweeps):
         before = swaps.clone()
-        for place in range(search.chosen.shape[1]):
-            turn = going & search.used[:, place]
-            if bool(turn.any()):
-                swaps += _exchange(search, place, turn).long()
+        turns = torch.where(going, search.count, 0)
+        for turn in range(int(turns.max())):
+            swaps += _exchange(search, turns > turn).long()
         going = swaps > before
         if not bool(going.any()):
             break
     return swaps
 
 
-def _exchange(search: Search, place: int, windows: Tensor) -> Tensor:
-    """Put the best candidate beside the others at a place; return where it is another one."""
-    term, row = search.chosen[:, place].clone(), search.gram[:, place].clone()
-    search.drop(torch.full_like(term, place), windows)
+def _exchange(search: Search, windows: Tensor) -> Tensor:
+    """Put the best candidate for the first term at the end; return where it is another one.
+
+    A term that is collinear with the others by now gives way to any other.
+    """
+    term = search.drop(torch.zeros_like(search.count), windows)
     index, reduction = search.best()
-    at = term.unsqueeze(1)
-    own = (search.corr.gather(1, at).square() / search.energy.gather(1, at)).squeeze(1)
-    better = windows & (reduction > own * (1.0 + 1e-9))
+    better = windows & (reduction > search.gain_of(term.candidate) * (1.0 + 1e-9))
+    search.put(term, windows & ~better)
     if bool(better.any()):
-        term = torch.where(better, index, term)
-        row = torch.where(better.unsqueeze(1), search.gram_rows(term), row)
-    search.add(place, term, row, windows)
+        search.add(index, search.gram_rows(index), better)
     return better
 
 
 def _own_gains(search: Search) -> Tensor:
     """Return what each term takes beside all others; infinite where none is, shape (B, K)."""
-    dual = torch.cholesky_inverse(search.factor())
-    share = (dual @ search.own_cross().unsqueeze(2)).squeeze(2)
-    gains = share.square() / dual.diagonal(dim1=1, dim2=2)
-    return torch.where(search.used, gains, torch.inf)
+    unit = torch.eye(search.upper.shape[1], dtype=torch.float64).expand_as(search.upper)
+    dual = torch.linalg.solve_triangular(search.upper, unit, upper=True)
+    share = torch.matmul(dual, search.share.unsqueeze(2)).squeeze(2)
+    return torch.where(search.used(), share.square() / dual.square().sum(2), torch.inf)

@@ -2,15 +2,17 @@
 
 Source: [Korenberg1989] and [Shen2010] §3. The orthogonal functions are never formed: a candidate
 is known by its energy outside the chosen terms and its correlation with the residual, and both
-follow from the rows of the Gram matrix that belong to chosen terms. So what is searched, one
-window, many, or sums that slide, only has to give such rows. A ridge gives each candidate a row
-of its own below the data, in which no other candidate stands: it adds to the energies before the
-search and changes nothing else. All tensors have the windows first: one search for each of B
+follow by recursion from the rows of the Gram matrix that belong to chosen terms. So what is
+searched, one window, many, or sums that slide, only has to give such rows. A term leaves by
+rotations of the directions, as a column leaves a QR factorisation. A ridge gives each candidate a
+row of its own below the data, in which no other candidate stands: it adds to the energies before
+the search and changes nothing else. All tensors have the windows first: one search for each of B
 windows, side by side.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -22,8 +24,24 @@ ENOUGH = "target error reached"
 FULL = "largest number of terms"
 NOISE = "no candidate above the level of white noise"
 
-MOVING = ("energy", "corr", "error", "chosen", "used", "gram")
+MOVING = ("energy", "corr", "error", "chosen", "count", "part", "share", "upper")
 """What adding and dropping terms changes in a search."""
+
+
+class Term(NamedTuple):
+    """A term of each window, and the direction that it adds to the others.
+
+    Attributes:
+        candidate: Which it is, shape (B,).
+        part: Every candidate's part along the direction, shape (B, M).
+        share: The target's, shape (B,).
+        column: The term in the directions before it and, last, its own, shape (B, K).
+    """
+
+    candidate: Tensor
+    part: Tensor
+    share: Tensor
+    column: Tensor
 
 
 @dataclass
@@ -41,9 +59,11 @@ class Search:
         energy: Energy outside the chosen terms, shape (B, M).
         corr: Correlation with the residual, shape (B, M).
         error: Energy of the residual with the ridge's, shape (B,).
-        chosen: Terms, shape (B, K).
-        used: Which places hold a term, shape (B, K).
-        gram: Rows of the Gram matrix of the chosen terms, shape (B, K, M).
+        chosen: Terms in order, zeros behind them, shape (B, K).
+        count: Number of terms, shape (B,).
+        part: Every candidate's part along the direction of each term, shape (B, K, M).
+        share: The target's part along them, shape (B, K).
+        upper: The terms in those directions, ones behind them, shape (B, K, K).
         errors: Residual's energy after each step, the target's first, per window.
         stopped: Why each search ended.
     """
@@ -59,19 +79,27 @@ class Search:
     corr: Tensor
     error: Tensor
     chosen: Tensor
-    used: Tensor
-    gram: Tensor
+    count: Tensor
+    part: Tensor
+    share: Tensor
+    upper: Tensor
     errors: list[list[float]]
     stopped: list[str]
 
     def best(self) -> tuple[Tensor, Tensor]:
         """Return the candidate of largest reduction and that reduction, shape (B,) each."""
-        open_to = self.energy > self.options.collinearity * self.total
-        gain = torch.where(open_to, self.corr.square() / self.energy, 0.0)
-        window, place = torch.nonzero(self.used, as_tuple=True)
+        gain = _gain(self.energy, self.corr, self.total, self.options)
+        window, place = torch.nonzero(self.used(), as_tuple=True)
         gain[window, self.chosen[window, place]] = 0.0
         index = gain.argmax(1)
         return index, gain.gather(1, index.unsqueeze(1)).squeeze(1)
+
+    def gain_of(self, index: Tensor) -> Tensor:
+        """Return the reduction by one candidate of each window, shape (B,)."""
+        energy, corr, total = (
+            table.gather(1, index.unsqueeze(1)) for table in (self.energy, self.corr, self.total)
+        )
+        return _gain(energy, corr, total, self.options).squeeze(1)
 
     def levels(self, terms: Tensor) -> Tensor:
         """Return the share that a candidate must take beside so many terms, shape (B,)."""
@@ -81,38 +109,69 @@ class Search:
         ]
         return torch.tensor(shares, dtype=torch.float64)
 
-    def add(self, place: int, index: Tensor, row: Tensor, windows: Tensor) -> None:
-        """Choose a candidate of each window of a mask, to stand at an empty place.
+    def used(self) -> Tensor:
+        """Return which places hold a term, shape (B, K)."""
+        return torch.arange(self.chosen.shape[1]) < self.count.unsqueeze(1)
+
+    def add(self, index: Tensor, row: Tensor, windows: Tensor) -> None:
+        """Choose one more candidate of each window of a mask.
 
         Args:
-            place: Where.
             index: Candidates, shape (B,).
             row: Their rows of the Gram matrix, shape (B, M).
             windows: Mask, shape (B,).
         """
         at = index.unsqueeze(1)
-        beside = torch.where(self.used, row.gather(1, self.chosen), 0.0).unsqueeze(2)
-        within = torch.cholesky_solve(beside, self.factor()).squeeze(2)
         norm = torch.where(windows.unsqueeze(1), self.energy.gather(1, at), torch.inf).sqrt()
-        self._move((row - self._mix(within)) / norm, self.corr.gather(1, at) / norm, -1.0)
-        hit = torch.nonzero(windows).squeeze(1)
-        self.gram[hit, place], self.chosen[hit, place] = row[hit], index[hit]
-        self.used[hit, place] = True
+        along = self.part.gather(2, at.unsqueeze(1).expand(*self.chosen.shape, 1))
+        part = (row - torch.matmul(along.mT, self.part).squeeze(1)) / norm
+        share = (self.corr.gather(1, at) / norm).squeeze(1)
+        own = torch.arange(along.shape[1]) == self.count.unsqueeze(1)
+        self.put(Term(index, part, share, torch.where(own, norm, along.squeeze(2))), windows)
 
-    def drop(self, place: Tensor, windows: Tensor) -> None:
-        """Give up the term at a place of each window of a mask.
+    def put(self, term: Term, windows: Tensor) -> None:
+        """Append a term whose direction is known to the windows of a mask."""
+        hit = torch.nonzero(windows).squeeze(1)
+        place = self.count[hit]
+        self.chosen[hit, place], self.part[hit, place] = term.candidate[hit], term.part[hit]
+        self.share[hit, place], self.upper[hit, :, place] = term.share[hit], term.column[hit]
+        self.count = self.count + windows.long()
+        self._move(term, windows, -1.0)
+
+    def drop(self, place: Tensor, windows: Tensor) -> Term:
+        """Give up the term at a place of each window of a mask; return it as if chosen last.
 
         Args:
             place: Where, shape (B,).
             windows: Mask, shape (B,).
         """
-        at = place.reshape(-1, 1, 1).expand(-1, self.used.shape[1], 1)
-        dual = torch.cholesky_inverse(self.factor()).gather(2, at).squeeze(2)
-        own = dual.gather(1, place.unsqueeze(1))
-        dual = torch.where(windows.unsqueeze(1), dual / own.sqrt(), 0.0)
-        self._move(self._mix(dual), (dual * self.own_cross()).sum(1, keepdim=True), 1.0)
+        slots = torch.arange(self.chosen.shape[1])
+        last = (self.count - 1).clamp(min=0).unsqueeze(1)
+        shifted = slots + (slots >= place.unsqueeze(1)).long()
+        order = torch.where(
+            slots == last, place.unsqueeze(1), torch.where(slots < last, shifted, slots)
+        )
+        order = torch.where(windows.unsqueeze(1), order, slots)
+        moved = self.upper.gather(2, order.unsqueeze(1).expand_as(self.upper))
+        turn, self.upper = torch.linalg.qr(moved)
+        self.part = torch.matmul(turn.mT, self.part)
+        self.share = torch.matmul(turn.mT, self.share.unsqueeze(2)).squeeze(2)
+        self.chosen = self.chosen.gather(1, order)
+        every, end = torch.arange(place.shape[0]), last.squeeze(1)
+        term = Term(
+            self.chosen[every, end],
+            self.part[every, end],
+            self.share[every, end],
+            self.upper[every, :, end],
+        )
         hit = torch.nonzero(windows).squeeze(1)
-        self.used[hit, place[hit]] = False
+        self.chosen[hit, end[hit]] = 0
+        self.part[hit, end[hit]] = 0.0
+        self.share[hit, end[hit]] = 0.0
+        self.upper[hit, :, end[hit]] = torch.eye(slots.shape[0], dtype=torch.float64)[end[hit]]
+        self.count = self.count - windows.long()
+        self._move(term, windows, 1.0)
+        return term
 
     def copy_state(self) -> "Search":
         """Return a search that stands where this one does."""
@@ -125,20 +184,6 @@ class Search:
             mask = windows.reshape(-1, *[1] * (mine.ndim - 1))
             setattr(self, name, torch.where(mask, its, mine))
 
-    def factor(self) -> Tensor:
-        """Return the Cholesky factor of the terms' Gram matrix, ones elsewhere, (B, K, K)."""
-        columns = self.chosen.unsqueeze(1).expand(-1, self.chosen.shape[1], -1)
-        both = self.used.unsqueeze(1) & self.used.unsqueeze(2)
-        small = torch.where(both, self.gram.gather(2, columns), 0.0)
-        ridge = self.options.ridge * (self.chosen != 0).double()
-        own = torch.where(self.used, small.diagonal(dim1=1, dim2=2) * ridge, 1.0)
-        lower: Tensor = torch.linalg.cholesky(small + torch.diag_embed(own))
-        return lower
-
-    def own_cross(self) -> Tensor:
-        """Return the correlation of the terms with the target, zero where none is, (B, K)."""
-        return torch.where(self.used, self.cross.gather(1, self.chosen), 0.0)
-
     def note_errors(self, windows: Tensor) -> None:
         """Note the residual's energy of the windows of a mask, shape (B,)."""
         noted = zip(self.errors, windows.tolist(), self.error.tolist(), strict=True)
@@ -146,21 +191,18 @@ class Search:
             if moved:
                 errors.append(error)
 
-    def _mix(self, share: Tensor) -> Tensor:
-        """Return the sum over terms of a number (B, K) times the Gram matrix's row, (B, M)."""
-        return torch.matmul(share.unsqueeze(1), self.gram).squeeze(1)
-
-    def _move(self, part: Tensor, share: Tensor, sign: float) -> None:
-        """Take a direction out of every candidate (−1) or give it back (+1).
-
-        Args:
-            part: Every candidate's part along it, shape (B, M).
-            share: The target's, shape (B, 1).
-            sign: Which.
-        """
+    def _move(self, term: Term, windows: Tensor, sign: float) -> None:
+        """Take a direction out of every candidate (−1) or give it back (+1)."""
+        part = torch.where(windows.unsqueeze(1), term.part, 0.0)
+        share = torch.where(windows, term.share, 0.0)
         self.energy.addcmul_(part, part, value=sign)
-        self.corr.addcmul_(share, part, value=sign)
-        self.error = self.error + sign * share.squeeze(1).square()
+        self.corr.addcmul_(share.unsqueeze(1), part, value=sign)
+        self.error = self.error + sign * share.square()
+
+
+def _gain(energy: Tensor, corr: Tensor, total: Tensor, options: FosOptions) -> Tensor:
+    """Return what candidates would take of the residual; nothing where they are collinear."""
+    return torch.where(energy > options.collinearity * total, corr.square() / energy, 0.0)
 
 
 def start_search(
@@ -197,8 +239,10 @@ def start_search(
         corr=cross.clone(),
         error=square.clone(),
         chosen=chosen,
-        used=torch.zeros_like(chosen, dtype=torch.bool),
-        gram=energies.new_zeros(windows, options.max_terms, candidates),
+        count=chosen[:, 0].clone(),
+        part=energies.new_zeros(windows, options.max_terms, candidates),
+        share=energies.new_zeros(windows, options.max_terms),
+        upper=torch.eye(options.max_terms, dtype=torch.float64).repeat(windows, 1, 1),
         errors=[[value] for value in square.tolist()],
         stopped=[""] * windows,
     )
@@ -208,12 +252,11 @@ def search_forward(search: Search) -> None:
     """Add terms until a rule says stop; ``search.stopped`` tells which."""
     options = search.options
     going = torch.ones_like(search.error, dtype=torch.bool)
-    for place in range(options.max_terms + 1):
+    while True:
         index, reduction = search.best()
-        count = search.used.sum(1)
         enough = (search.error.clamp(min=0.0) / search.weight).sqrt() <= options.target_error
-        full = count == options.max_terms
-        noise = reduction <= search.levels(count) * search.error
+        full = search.count == options.max_terms
+        noise = reduction <= search.levels(search.count) * search.error
         ends = going & (enough | full | noise)
         if bool(ends.any()):
             for reason, holds in ((NOISE, noise), (FULL, full), (ENOUGH, enough)):
@@ -222,5 +265,5 @@ def search_forward(search: Search) -> None:
             going = going & ~ends
             if not bool(going.any()):
                 return
-        search.add(place, index, search.gram_rows(index), going)
+        search.add(index, search.gram_rows(index), going)
         search.note_errors(going)
