@@ -5,9 +5,6 @@ for all windows; each window adds the one that explains most of its own residual
 A window ends by one of four rules, and what is left of the others goes on.
 """
 
-from dataclasses import dataclass, field
-from typing import NamedTuple
-
 import torch
 from torch import Tensor
 
@@ -26,67 +23,10 @@ from navlearn.error_models.pci_candidates import (
 )
 from navlearn.error_models.pci_options import PciOptions
 from navlearn.error_models.pci_polish import polish
+from navlearn.error_models.pci_windows import Built, Live, Rows
 
 DEPENDENT = 1e-10
 """What a column of unit norm has left outside the others when it is taken for one of them."""
-
-
-class Rows(NamedTuple):
-    """Rows of B windows, standardised; rows that do not count are zero.
-
-    Attributes:
-        lagged: Lagged inputs by lag, then channel, shape (B, N, L).
-        target: Outputs times ``root``, shape (B, N).
-        root: Root of the weight of each row, of squared sum 1, shape (B, N).
-        rows: Effective number of rows by their weights, shape (B,).
-    """
-
-    lagged: Tensor
-    target: Tensor
-    root: Tensor
-    rows: Tensor
-
-
-@dataclass(kw_only=True)
-class Built:
-    """The model of one window as it grows.
-
-    Attributes:
-        accepted: Cascades, one after the other, each with axes (1, ...).
-        curve: Mean squared residual, before the first and after each.
-        tried: Candidates tried.
-        missed: Batches in a row of which none passed.
-        stopped: Why it ended; empty while it goes on.
-        polished: Responses after the last polishing, shape (K, L); None without.
-    """
-
-    accepted: list[Cascades] = field(default_factory=list)
-    curve: list[float] = field(default_factory=list)
-    tried: int = 0
-    missed: int = 0
-    stopped: str = ""
-    polished: Tensor | None = None
-
-
-@dataclass(kw_only=True)
-class _Live:
-    """What is kept of the windows that go on, B of them.
-
-    Attributes:
-        windows: Their places among all windows, shape (B,).
-        rows: Their rows.
-        residual: What is left to explain, times the root of the weights, shape (B, N).
-        spanned: Orthonormal columns of all polynomials so far, or zeros, shape (B, N, r).
-        correlations: Autocorrelations of their inputs, shape (B, J, m).
-        response: Responses of all cascades so far, zeros for none, shape (B, K, L).
-    """
-
-    windows: Tensor
-    rows: Rows
-    residual: Tensor
-    spanned: Tensor
-    correlations: Tensor
-    response: Tensor
 
 
 def build_cascades(rows: Rows, options: PciOptions) -> list[tuple[Cascades, Built]]:
@@ -99,7 +39,7 @@ def build_cascades(rows: Rows, options: PciOptions) -> list[tuple[Cascades, Buil
     generator = torch.Generator().manual_seed(options.seed)
     start = rows.target.square().sum(-1)
     built = [Built(curve=[power]) for power in start.tolist()]
-    live = _Live(
+    live = Live(
         windows=torch.arange(len(built)),
         rows=rows,
         residual=rows.target,
@@ -145,9 +85,9 @@ def _goes_on(model: Built, options: PciOptions) -> bool:
     return not model.stopped
 
 
-def _kept(live: _Live, keep: Tensor) -> _Live:
+def _kept(live: Live, keep: Tensor) -> Live:
     """Return what goes on."""
-    return _Live(
+    return Live(
         windows=live.windows[keep],
         rows=Rows(*(value[keep] for value in live.rows)),
         residual=live.residual[keep],
@@ -157,7 +97,7 @@ def _kept(live: _Live, keep: Tensor) -> _Live:
     )
 
 
-def _best(live: _Live, draw: Draw, start: Tensor, options: PciOptions) -> tuple[Cascades, Tensor]:
+def _best(live: Live, draw: Draw, start: Tensor, options: PciOptions) -> tuple[Cascades, Tensor]:
     """Return the best candidate of each window, axes (B, 1, ...), and whether it passes, (B,)."""
     lagged, _, root, count = live.rows
     power = live.residual.square().sum(-1)
@@ -178,19 +118,21 @@ def _best(live: _Live, draw: Draw, start: Tensor, options: PciOptions) -> tuple[
     return _ranged(best, live.rows), passes.any(-1)
 
 
-def _add(live: _Live, best: Cascades, passed: Tensor, options: PciOptions) -> None:
+def _add(live: Live, best: Cascades, passed: Tensor, options: PciOptions) -> None:
     """Take what the new cascades explain out of the residuals.
 
     With a common refit that is what all polynomials explain together: their columns are kept
     orthonormal, so that only the new ones are looked at. Polishing moves all of them.
     """
+    if not bool(passed.any()):
+        return
     if options.polish:
-        fresh = best.response * passed[:, None, None]
         lagged, target, root, _ = live.rows
-        response = torch.cat((live.response, fresh), 1)
-        live.response, live.residual = polish(
-            lagged, target, root, response, options.degree, options.polish
-        )
+        before = torch.cat((live.response, torch.zeros_like(best.response)), 1)
+        response = torch.cat((live.response, best.response * passed[:, None, None]), 1)
+        response, residual = polish(lagged, target, root, response, options.degree, options.polish)
+        live.response = torch.where(passed[:, None, None], response, before)
+        live.residual = torch.where(passed[:, None], residual, live.residual)
         return
     u = live.rows.lagged @ best.response.mT
     values = basis(u, best.shift.unsqueeze(1), best.norm.unsqueeze(1)).squeeze(-2)

@@ -14,9 +14,10 @@ from navlearn.error_models.base import (
     TrainingSource,
 )
 from navlearn.error_models.pci import PciModel
-from navlearn.error_models.pci_build import Built, Rows, build_cascades
+from navlearn.error_models.pci_build import build_cascades
 from navlearn.error_models.pci_candidates import Cascades
 from navlearn.error_models.pci_options import PciOptions
+from navlearn.error_models.pci_windows import Built, Rows
 from navlearn.error_models.scaling import Scaling, fit_scaling
 from navlearn.errors import FitError, ShapeError
 

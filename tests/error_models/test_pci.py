@@ -335,6 +335,7 @@ def test_doubling_all_weights_changes_nothing():
         {"cascades": 5, "polish": 0},
         {"cascades": 5, "polish": 0, "refit": False},
         {"acceptance": "paper", "target": 0.5},
+        {"cascades": 4, "batch": 3, "misses": 3},
     ],
 )
 def test_windows_at_once_equal_one_by_one(options):
