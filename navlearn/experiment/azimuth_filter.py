@@ -1,7 +1,10 @@
-"""The feed-forward filter that an azimuth model stands beside, on one drive."""
+"""The feed-forward filter that an azimuth model stands beside, and the car that both steer."""
 
 from dataclasses import replace
 
+import torch
+
+from navlearn.experiment.azimuth_model import AzimuthModel
 from navlearn.experiment.baselines import FilterRuns, filter_options
 from navlearn.experiment.feed_forward import (
     FeedForward,
@@ -9,14 +12,15 @@ from navlearn.experiment.feed_forward import (
     run_feed_forward,
     stretch_of,
 )
+from navlearn.experiment.perfect_azimuth import reckoned
 from navlearn.fusion.loosely_coupled import LooselyCoupledEkf
 from navlearn.fusion.options import EkfOptions
 from navlearn.learning.pseudo_outages import PseudoOutages
 from navlearn.logs.drive_log import DriveLog
 from navlearn.logs.resample import RissTimeline
-from navlearn.navigator import NavigatorRun
+from navlearn.navigator import NavigatorRun, belief_at
 from navlearn.recipe.azimuth_spec import AzimuthSpec
-from navlearn.states import FixTiming, GnssFix
+from navlearn.states import FixTiming, GnssFix, RissSample, Trajectory
 
 
 class Beside:
@@ -86,3 +90,23 @@ class Beside:
     def run(self, spans: list[tuple[int, int, int]]) -> list[FeedForward]:
         """Return a run per span, all made at once."""
         return run_feed_forward(self.ekf, [self.stretch(span) for span in spans])
+
+
+def steer(options: EkfOptions, run: FeedForward, learned: AzimuthModel) -> Trajectory:
+    """Return the second mechanization through an outage.
+
+    Args:
+        options: The feed-forward filter's options.
+        run: Its run over window and outage.
+        learned: What its azimuth is less.
+
+    Returns:
+        Trajectory from the first interval without GNSS on, shape (L,) each.
+    """
+    samples = RissSample(*(channel[run.gone :] for channel in run.samples))
+    clock = torch.cumsum(run.samples.dt, -1)[run.gone - 1 :]
+    azimuth = run.history.trajectory.azimuth[run.gone - 1 :] - learned.at(clock)
+    block = int(torch.nonzero(run.history.end < run.gone)[-1])
+    belief = belief_at(run.history, block)
+    middle = 0.5 * (azimuth[1:] + azimuth[:-1])
+    return reckoned(options, belief, samples, middle)._replace(azimuth=azimuth[1:])

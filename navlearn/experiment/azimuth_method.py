@@ -7,7 +7,6 @@ mechanization runs on odometer and A_mec − δA_KF − ΔA from where the last 
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from itertools import islice
 from typing import NamedTuple
 
@@ -15,10 +14,11 @@ import torch
 from torch import Tensor
 
 from navlearn.error_models.fos import FosModel
-from navlearn.error_models.safeguard import GateVerdict, rolling_origin_gate
+from navlearn.error_models.safeguard import GateVerdict
 from navlearn.errors import FilterDivergedError, FitError
 from navlearn.experiment.anarx_method import last_fix
-from navlearn.experiment.azimuth_filter import Beside
+from navlearn.experiment.azimuth_filter import Beside, steer
+from navlearn.experiment.azimuth_gate import recent_outages, verdict_on
 from navlearn.experiment.azimuth_model import AzimuthModel, fit_azimuth
 from navlearn.experiment.baselines import (
     Believed,
@@ -27,17 +27,13 @@ from navlearn.experiment.baselines import (
     believed_table,
 )
 from navlearn.experiment.feed_forward import FeedForward, Stretch, run_feed_forward
-from navlearn.experiment.learned import Learned, pseudo_outage_options
-from navlearn.experiment.perfect_azimuth import reckoned
-from navlearn.frames import enu_between
-from navlearn.fusion.options import EkfOptions
-from navlearn.learning.pseudo_outages import PseudoOutages, emulate_outages, select_outages
+from navlearn.experiment.learned import Learned
+from navlearn.learning.pseudo_outages import PseudoOutages
 from navlearn.logs.drive_log import DriveLog
-from navlearn.navigator import Navigator, belief_at
 from navlearn.outages.replay import Solution
 from navlearn.outages.schedule import Outage
 from navlearn.recipe.azimuth_spec import AzimuthSpec
-from navlearn.states import RissSample, Trajectory
+from navlearn.states import Trajectory
 
 
 class _Fallback(NamedTuple):
@@ -128,7 +124,7 @@ class AzimuthMethod:
             _, gone = last_fix(run)
             beside = Beside(self.runs, self.spec, log, timeline, run)
             begin = float(t[0] - run.samples.dt[0])
-            emulated = self._emulated(beside, navigator, gone, begin)
+            emulated = recent_outages(beside, navigator, gone, begin)
             origins = [] if emulated is None else beside.origins(emulated, begin)
             spans = [(gone, len(run.samples.dt)), *origins]
             stretches = [beside.stretch(beside.span(*one)) for one in spans]
@@ -155,7 +151,7 @@ class AzimuthMethod:
                 log_name=ready.log_name,
                 begin=float(ready.fallback.t[0]) + (path.begin - 1) * beside.dt,
             )
-            verdict = self._verdict(beside, ready.emulated, replays)
+            verdict = verdict_on(beside, ready.emulated, replays)
         except (FitError, FilterDivergedError) as problem:
             return self._refused(ready.fallback, problem)
         if self.keep is not None:
@@ -170,95 +166,6 @@ class AzimuthMethod:
         notes = _notes(self.spec, learned, verdict)
         table = believed_table(ready.fallback.t, solution, ready.fallback.outage)
         return Solution(table=table, notes=notes)
-
-    def _emulated(
-        self, beside: Beside, navigator: Navigator, gone: int, begin: float
-    ) -> PseudoOutages | None:
-        """Return the last emulated outages, for the gate; None where there is no gate or none."""
-        if not self.spec.safeguard.gate:
-            return None
-        options = pseudo_outage_options(beside.runs.recipe)
-        options = replace(
-            options,
-            every=max(options.every, 0.5 * options.horizon),
-            settle=max(options.settle, self.spec.window_s + 2.0 * options.step),
-        )
-        try:
-            emulated = emulate_outages(navigator, beside.honest, options, end=gone, begin=begin)
-        except FitError:
-            return None
-        count = len(emulated.start_time)
-        recent = torch.arange(max(count - self.spec.gate_replays, 0), count)
-        return select_outages(emulated, recent)
-
-    def _verdict(
-        self, beside: Beside, emulated: PseudoOutages | None, runs: list[FeedForward]
-    ) -> GateVerdict:
-        """Return whether the model would have helped in the last emulated outages."""
-        guard = self.spec.safeguard
-        if not guard.gate:
-            return GateVerdict(use=True, improvement=math.nan, replays=0, margin=guard.gate_margin)
-        none = torch.zeros(0, dtype=torch.float64)
-        errors = (none, none) if emulated is None else replayed(self.spec, beside, emulated, runs)
-        return rolling_origin_gate(*errors, margin=guard.gate_margin, fewest=guard.gate_fewest)
-
-
-def steer(options: EkfOptions, run: FeedForward, learned: AzimuthModel) -> Trajectory:
-    """Return the second mechanization through an outage.
-
-    Args:
-        options: The feed-forward filter's options.
-        run: Its run over window and outage.
-        learned: What its azimuth is less.
-
-    Returns:
-        Trajectory from the first interval without GNSS on, shape (L,) each.
-    """
-    samples = RissSample(*(channel[run.gone :] for channel in run.samples))
-    clock = torch.cumsum(run.samples.dt, -1)[run.gone - 1 :]
-    azimuth = run.history.trajectory.azimuth[run.gone - 1 :] - learned.at(clock)
-    block = int(torch.nonzero(run.history.end < run.gone)[-1])
-    belief = belief_at(run.history, block)
-    middle = 0.5 * (azimuth[1:] + azimuth[:-1])
-    return reckoned(options, belief, samples, middle)._replace(azimuth=azimuth[1:])
-
-
-def replayed(
-    spec: AzimuthSpec, beside: Beside, emulated: PseudoOutages, runs: list[FeedForward]
-) -> tuple[Tensor, Tensor]:
-    """Return the largest error of emulated outages with the model and without.
-
-    Args:
-        spec: The model, fitted anew before each of them.
-        beside: The feed-forward filter.
-        emulated: The emulated outages.
-        runs: Its runs over them and the windows before.
-
-    Returns:
-        Errors with and without the model, m, shape (M,) each; outages before which nothing could
-        be fitted are left out.
-    """
-    paths, kept = [], []
-    for k, run in enumerate(runs):
-        try:
-            learned = fit_azimuth(spec, beside.ekf.model, run, step=beside.step)
-        except FitError:
-            continue
-        paths.append(steer(beside.options, run, learned))
-        kept.append(k)
-    if not kept:
-        none = torch.zeros(0, dtype=torch.float64)
-        return none, none
-    emulated = select_outages(emulated, torch.tensor(kept))
-    path = Trajectory(*(torch.stack(channel) for channel in zip(*paths, strict=True)))
-    return _largest(path, emulated.reference), _largest(emulated.predicted, emulated.reference)
-
-
-def _largest(path: Trajectory, reference: Trajectory) -> Tensor:
-    east, north, _ = enu_between(
-        path.lat, path.lon, path.height, reference.lat, reference.lon, reference.height
-    )
-    return torch.hypot(east, north).amax(-1)
 
 
 def _joined(plain: Believed, run: FeedForward, path: Trajectory) -> Believed:

@@ -10,8 +10,8 @@ import torch
 
 from navlearn.errors import ConfigError, FitError
 from navlearn.experiment.anarx_method import last_fix
-from navlearn.experiment.azimuth_filter import Beside
-from navlearn.experiment.azimuth_method import AzimuthMethod, steer
+from navlearn.experiment.azimuth_filter import Beside, steer
+from navlearn.experiment.azimuth_method import AzimuthMethod
 from navlearn.experiment.azimuth_model import fit_azimuth
 from navlearn.experiment.baselines import FilterMethod, FilterRuns
 from navlearn.experiment.drive import prepare_drive
