@@ -23,7 +23,7 @@ class AzimuthSpec(SpecBase):
         type: Kind of model.
         safeguard: When a correction is trusted. The gate asks for more than elsewhere: what a
             window of a minute or five teaches varies so much from one emulated outage to the
-            next that a useless model gains 5 % on a dozen of them now and then.
+            next that a useless model gains a fifth on a dozen of them now and then.
         structure: ``pci`` ([Iqbal2020]) or ``fos`` ([Shen2010]).
         filter: The filter that it stands beside, run feed-forward: ``recipe`` is the recipe's
             own, the others are the recipe's with another model of the errors.
@@ -44,7 +44,7 @@ class AzimuthSpec(SpecBase):
     """
 
     type: Literal["azimuth_window"] = "azimuth_window"
-    safeguard: SafeguardSpec = SafeguardSpec(gate_margin=0.1)
+    safeguard: SafeguardSpec = SafeguardSpec(gate_margin=0.25)
     structure: Literal["pci", "fos"]
     filter: Literal["recipe", "bias_free", "shen2010", "shen2010_full"] = "recipe"
     inputs: tuple[str, ...] = ()
