@@ -13,6 +13,9 @@ if TYPE_CHECKING:
 IQBAL2020: dict[str, Any] = {"inputs": ("azimuth",), "window_s": 300.0, "lags": 10, "degree": 3}
 """What takes the place of the defaults, which are those of [Shen2010], in a spec of PCI."""
 
+MARGIN = 0.25
+"""Least improvement that the gate asks for."""
+
 
 class AzimuthSpec(SpecBase):
     """What a feed-forward filter leaves of the azimuth error, learned over the last minutes.
@@ -44,7 +47,7 @@ class AzimuthSpec(SpecBase):
     """
 
     type: Literal["azimuth_window"] = "azimuth_window"
-    safeguard: SafeguardSpec = SafeguardSpec(gate_margin=0.25)
+    safeguard: SafeguardSpec = SafeguardSpec(gate_margin=MARGIN)
     structure: Literal["pci", "fos"]
     filter: Literal["recipe", "bias_free", "shen2010", "shen2010_full"] = "recipe"
     inputs: tuple[str, ...] = ()
@@ -61,9 +64,11 @@ class AzimuthSpec(SpecBase):
     @model_validator(mode="before")
     @classmethod
     def _as_in_the_paper(cls, content: Any) -> Any:
-        if not isinstance(content, dict) or content.get("structure") != "pci":
+        if not isinstance(content, dict):
             return content
-        return {**IQBAL2020, **content}
+        if isinstance(content.get("safeguard"), dict):
+            content = {**content, "safeguard": {"gate_margin": MARGIN, **content["safeguard"]}}
+        return {**IQBAL2020, **content} if content.get("structure") == "pci" else content
 
     @model_validator(mode="after")
     def _options_go_together(self) -> "AzimuthSpec":

@@ -29,6 +29,13 @@ def test_what_is_left_out_is_the_papers() -> None:
     assert pci.pci_options(inputs=2) == PciOptions.paper(inputs=2, safeguard=True)
 
 
+def test_part_of_a_safeguard_leaves_the_rest_as_it_is() -> None:
+    content = {"name": "a", "structure": "fos", "safeguard": {"gate_fewest": 8}}
+    found = AzimuthSpec.model_validate(content).safeguard
+    whole = AzimuthSpec(name="a", structure="fos").safeguard
+    assert found == whole.model_copy(update={"gate_fewest": 8})
+
+
 def test_acceptance_reaches_the_fits() -> None:
     levels = {}
     for rule in ("paper", "default", "none"):
