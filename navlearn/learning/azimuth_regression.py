@@ -42,9 +42,9 @@ class AzimuthNoise:
         rest: Deviation of the mean yaw rate over one second of standstill, rad/s.
     """
 
-    gyro_random_walk: float = math.radians(1.2) / 60.0
+    gyro_random_walk: float = math.radians(0.6) / 60.0
     turn_noise: float = 0.003
-    gyro_bias_walk: float = math.radians(120.0) / 3600.0 / 60.0
+    gyro_bias_walk: float = math.radians(60.0) / 3600.0 / 60.0
     gyro_bias: float = math.radians(0.5)
     rest: float = math.radians(0.02)
 
@@ -94,7 +94,6 @@ class AzimuthRows(NamedTuple):
         columns: Shape (N, J).
         target: Shape (N,).
         sample: Sample after which each row is known, int64, not decreasing, shape (N,).
-        log_scale: Logarithm of what each row was divided by, shape (N,).
         angle: What the raw azimuth was off by at the end of each block, rad, and by how much less
             per unit of each coefficient, shape (K, 1 + J).
         bias: The same of the gyro bias, rad/s, shape (K, 1 + J).
@@ -104,7 +103,6 @@ class AzimuthRows(NamedTuple):
     columns: Tensor
     target: Tensor
     sample: Tensor
-    log_scale: Tensor
     angle: Tensor
     bias: Tensor
     covariance: Tensor
@@ -215,7 +213,7 @@ def whitened_rows(curve: AzimuthCurve, noise: AzimuthNoise) -> AzimuthRows:
     turning, told = curve.turning.tolist(), torch.isfinite(curve.error).tolist()
     angle, bias = np.zeros(measured.shape[1]), np.zeros(measured.shape[1])
     p_aa, p_ab, p_bb = 100.0, 0.0, noise.gyro_bias**2
-    rows, places, variances = [], [], []
+    rows, places = [], []
     angles, biases, spreads = [], [], []
     for k in range(len(rest)):
         if k > 0:
@@ -242,7 +240,6 @@ def whitened_rows(curve: AzimuthCurve, noise: AzimuthNoise) -> AzimuthRows:
             bias = bias + gain_b * innovation
             rows.append(innovation / math.sqrt(s))
             places.append(k)
-            variances.append(s)
         angles.append(angle)
         biases.append(bias)
         spreads.append((p_aa, p_ab, p_ab, p_bb))
@@ -251,7 +248,6 @@ def whitened_rows(curve: AzimuthCurve, noise: AzimuthNoise) -> AzimuthRows:
         columns=whole[:, 1:],
         target=whole[:, 0],
         sample=curve.end[torch.tensor(places, dtype=torch.long)],
-        log_scale=0.5 * torch.tensor(variances, dtype=torch.float64).log(),
         angle=torch.from_numpy(np.stack(angles)),
         bias=torch.from_numpy(np.stack(biases)),
         covariance=torch.tensor(spreads, dtype=torch.float64).reshape(-1, 2, 2),

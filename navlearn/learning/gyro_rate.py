@@ -181,19 +181,21 @@ def at_samples(rows: Tensor, block: int, count: int) -> Tensor:
     return rows.repeat_interleave(block, 0)[:count]
 
 
-def gather(past: GyroPast, terms: GyroTerms, options: GyroRateOptions) -> GyroEvidence:
+def gather(past: GyroPast, terms: GyroTerms, options: GyroRateOptions, first: int) -> GyroEvidence:
     """Return what a drive's past told about terms.
 
     Args:
         past: The past.
         terms: The terms.
         options: Noise and priors.
+        first: The first origin; how large terms are is taken from the samples before it.
 
     Raises:
         FitError: The filter has no past yet.
     """
     values = term_values(past.u, terms.form, terms.magnitude)
-    spread = values.square().mean(0).sqrt()
+    known = values[: max(first // past.block, 1)]
+    spread = known.square().mean(0).sqrt()
     curve = past_curve(past, values, options)
     return GyroEvidence(
         terms,
@@ -231,7 +233,7 @@ def fit_physical(
         One fit per origin.
     """
     terms = product_terms(options.terms, past.inputs, past.run.alignment.gyro_bias)
-    evidence = gather(past, terms, options)
+    evidence = gather(past, terms, options, origins[0])
     counts = rows_before(evidence.rows, origins)
     found = solve_ridge(evidence.rows.columns, evidence.rows.target, evidence.prior, counts)
     return [

@@ -37,7 +37,7 @@ from navlearn.learning.gyro_rate import (
 )
 from navlearn.learning.weighted_ridge import solve_ridge
 
-RATE_WALK = math.radians(0.1)
+RATE_WALK = math.radians(0.3)
 """How fast a gyro's error may change where cascades are sought, rad/s/√s: as turns begin."""
 
 
@@ -47,8 +47,9 @@ def model_inputs(options: GyroRateOptions) -> tuple[str, ...]:
     Args:
         options: What is learned.
     """
-    names = options.terms if options.structure == "ridge" else options.factors
-    return channels_of(names)
+    if options.structure == "pci":
+        return options.factors
+    return channels_of(options.terms if options.structure == "ridge" else options.factors)
 
 
 def fit_gyro_rate(
@@ -72,7 +73,7 @@ def fit_gyro_rate(
         return fit_physical(past, options, origins, source)
     fits: list[GyroFit] = []
     find = _fos_evidence if options.structure == "fos" else _pci_evidence
-    evidence_at = find(past, options)
+    evidence_at = find(past, options, origins[0])
     for together in _in_groups(past, origins, options.structure_every):
         evidence = evidence_at(together[0])
         counts = rows_before(evidence.rows, together)
@@ -103,11 +104,13 @@ def _in_groups(past: GyroPast, origins: Sequence[int], every: float) -> list[lis
     return groups
 
 
-def _fos_evidence(past: GyroPast, options: GyroRateOptions) -> Callable[[int], GyroEvidence]:
+def _fos_evidence(
+    past: GyroPast, options: GyroRateOptions, first: int
+) -> Callable[[int], GyroEvidence]:
     """Return what tells the terms that FOS chooses by what was known before a sample."""
     names = candidate_names(options.factors, options.degree)
     terms = product_terms(names, past.inputs, past.run.alignment.gyro_bias)
-    evidence = gather(past, terms, options)
+    evidence = gather(past, terms, options, first)
 
     def chosen(origin: int) -> GyroEvidence:
         count = int(rows_before(evidence.rows, [origin])[0])
@@ -116,7 +119,11 @@ def _fos_evidence(past: GyroPast, options: GyroRateOptions) -> Callable[[int], G
     return chosen
 
 
-def _pci_evidence(past: GyroPast, options: GyroRateOptions) -> Callable[[int], GyroEvidence]:
+def _pci_evidence(
+    past: GyroPast,
+    options: GyroRateOptions,
+    first: int,  # noqa: ARG001  # cascades have priors of their own at every origin
+) -> Callable[[int], GyroEvidence]:
     """Return what tells the powers of cascades found on what was known before a sample."""
     search = PciOptions(
         inputs=len(past.inputs),
@@ -138,7 +145,7 @@ def _pci_evidence(past: GyroPast, options: GyroRateOptions) -> Callable[[int], G
         rate, variance = smoothed_rate_error(before, options.noise, RATE_WALK)
         weight = torch.where(torch.isfinite(before.error), 1.0 / variance, 0.0)
         weight = weight / weight.mean().clamp(min=1e-300)
-        return gather(past, cascade_terms(means[:count], rate, weight, search), options)
+        return gather(past, cascade_terms(means[:count], rate, weight, search), options, origin)
 
     return found
 

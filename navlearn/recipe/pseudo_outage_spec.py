@@ -25,8 +25,8 @@ class PseudoOutageSpec(SpecBase):
         terms: Terms of ``ridge``: products of one or two channels of
             :data:`navlearn.error_models.regressors.CHANNELS` or, written ``abs_`` before the
             name, of their magnitudes, joined by ``*``.
-        factors: Channels and magnitudes of whose products ``fos`` chooses, and on which ``pci``
-            finds its cascades.
+        factors: Channels and magnitudes of whose products ``fos`` chooses, and channels among
+            which ``pci`` finds its cascades.
         degree: Largest degree of a product of ``fos``.
         power: Degree of the polynomials of ``pci``.
         max_terms: Most terms of ``fos``, most cascades of ``pci``.
@@ -62,8 +62,8 @@ class PseudoOutageSpec(SpecBase):
     structure_every_s: Positive = 240.0
     other_prior_deg_per_s: Positive = 0.05
     average_s: Positive = 0.1
-    random_walk_deg_per_sqrt_h: Positive = 1.2
-    bias_walk_deg_per_h_per_sqrt_h: NotNegative = 120.0
+    random_walk_deg_per_sqrt_h: Positive = 0.6
+    bias_walk_deg_per_h_per_sqrt_h: NotNegative = 60.0
     turn_noise: NotNegative = 0.003
     fix_variance: Positive = 0.4
     restart: Literal["filter", "regression"] = "regression"
@@ -88,6 +88,8 @@ class PseudoOutageSpec(SpecBase):
         for name in self.factors:
             if "*" in name:
                 raise ValueError(f"the factor {name!r} is a product; list its factors alone")
+            if self.structure == "pci" and name not in CHANNELS:
+                raise ValueError(f"pci takes channels: {name!r} is none of {', '.join(CHANNELS)}")
         return self
 
     def describe(self) -> str:
