@@ -9,7 +9,7 @@ resident size over that just before, with data and packages loaded. The error is
 terms leave of the target after least squares, over what the true terms leave (root mean squares).
 A method that is not installed says so; the extra ``peers`` installs them. Command:
 
-    python benchmarks/fos_peers.py [--rows 600 6000] [--repeats 3] [--noise 0.2 0.3 0.5] [--seeds 5]
+    python benchmarks/fos_peers.py [--rows 600 6000] [--repeats 5] [--noise 0.2 0.3 0.5] [--seeds 5]
 """
 
 import argparse
@@ -199,7 +199,7 @@ def print_hard_case(noise, seeds):
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rows", type=int, nargs="*", default=[600, 6000])
-    parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--noise", type=float, nargs="*", default=[0.2, 0.3, 0.5])
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--apart", nargs=6, help=argparse.SUPPRESS)

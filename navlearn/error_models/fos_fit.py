@@ -13,7 +13,8 @@ from navlearn.error_models.fos_candidates import Candidates, lagged_columns
 from navlearn.error_models.fos_options import FosOptions
 from navlearn.error_models.fos_outcome import Outcome, build_fitted, read_outcomes
 from navlearn.error_models.fos_refine import exchange_terms, kick_terms, search_backward
-from navlearn.error_models.fos_search import Search, search_forward, start_search
+from navlearn.error_models.fos_search import search_forward, start_search
+from navlearn.error_models.fos_state import Search
 from navlearn.errors import FitError, ShapeError
 
 

@@ -37,7 +37,7 @@ class FosOptions:
     degree: int = 2
     max_terms: int = 8
     acceptance: str = "default"
-    false_alarm: float = 0.02
+    false_alarm: float = 0.01
     target_error: float = 0.0
     ridge: float = 0.0
     exchange_sweeps: int = 0

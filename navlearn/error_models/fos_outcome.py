@@ -20,7 +20,7 @@ from navlearn.error_models.base import (
 from navlearn.error_models.fos import FosModel
 from navlearn.error_models.fos_candidates import Candidates, factor_list
 from navlearn.error_models.fos_options import FosOptions
-from navlearn.error_models.fos_search import Search
+from navlearn.error_models.fos_state import Search
 from navlearn.error_models.scaling import fit_scaling
 
 LONGEST_RUN = 60

@@ -8,7 +8,7 @@ mends that; a kick leads on from where no single swap gains. All windows are ref
 import torch
 from torch import Tensor
 
-from navlearn.error_models.fos_search import Search
+from navlearn.error_models.fos_state import Search
 
 KICKED = 3
 """Terms that a kick drops."""
@@ -71,13 +71,10 @@ def _sweep(search: Search) -> Tensor:
 
 
 def _exchange(search: Search, windows: Tensor) -> Tensor:
-    """Put the best candidate for the first term at the end; return where it is another one.
-
-    A term that is collinear with the others by now gives way to any other.
-    """
+    """Put the best candidate for the first term at the end; return where it is another one."""
     term = search.drop(torch.zeros_like(search.count), windows)
     index, reduction = search.best()
-    better = windows & (reduction > search.gain_of(term.candidate) * (1.0 + 1e-9))
+    better = windows & (reduction > term.share.square() * (1.0 + 1e-9))
     search.put(term, windows & ~better)
     if bool(better.any()):
         search.add(index, search.gram_rows(index), better)

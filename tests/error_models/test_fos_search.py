@@ -233,6 +233,26 @@ def test_exchange_never_loses_and_ends_where_no_swap_helps(ridge):
     assert swapped > 0
 
 
+@pytest.mark.parametrize("offset", [0.0, 10.0])
+def test_nearly_collinear_inputs_do_no_harm(offset):
+    for seed in range(8):
+        generator = torch.Generator().manual_seed(seed)
+        size = 10.0 ** -torch.randint(1, 5, (3,), generator=generator).double()
+        y = torch.randn(80, generator=generator).double()
+        u = y.roll(3).unsqueeze(1) + size * torch.randn(80, 3, generator=generator).double()
+        u[:, 2] = u[:, 1] if seed % 3 == 0 else u[:, 2]
+        left = []
+        for sweeps in (0, 10):
+            options = FosOptions(lags=1, max_terms=10, false_alarm=1.0, exchange_sweeps=sweeps)
+            search = Found(u + offset, y, options)
+            exchange_terms(search.search)
+            outcome = search.outcome
+            assert bool(torch.isfinite(outcome.coefficients).all())
+            assert outcome.errors[-1] == pytest.approx(outcome.data_error, rel=1e-5)
+            left.append(outcome.data_error)
+        assert left[1] <= left[0] * (1.0 + 1e-6)
+
+
 def test_kicks_lead_out_of_where_no_single_swap_gains():
     options = FosOptions(lags=3, max_terms=6, false_alarm=1.0, exchange_sweeps=20, kicks=12)
     gained = 0
