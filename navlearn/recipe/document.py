@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from navlearn.errors import ConfigError
 from navlearn.outages.schedule import parse_outages
-from navlearn.recipe.experiment_base import VERSIONS, Experiment
+from navlearn.recipe.experiment_base import VERSIONS, Experiment, Titled
 from navlearn.recipe.sections import LogSource
 from navlearn.recipe.spec import load_spec
 from navlearn.recipe.strict import parse
@@ -23,14 +23,18 @@ ANY_ODOMETER: Final = ("scale", "delay", "offset")
 DEFAULT_METHODS: Final = ("dead_reckoning", "ekf_plain", "ekf", "anarx")
 
 
-class Recipe(Experiment):
-    """One experiment, complete.
+class OneLog(Titled):
+    """What a recipe is run on.
 
     Attributes:
         log: The drive.
     """
 
     log: LogSource
+
+
+class Recipe(Experiment, OneLog):
+    """One experiment on one drive, complete."""
 
 
 def load_recipe(path: str | Path) -> Recipe:

@@ -37,12 +37,22 @@ def _known_figure(name: str) -> str:
     return name
 
 
-class Experiment(Section):
-    """One experiment, but for what it is run on.
+class Titled(Section):
+    """What a recipe begins with.
 
     Attributes:
         name: Short name, used for files.
         question: The question that the recipe answers, in one sentence.
+    """
+
+    name: PlainName
+    question: str = ""
+
+
+class Experiment(Titled):
+    """One experiment, but for what it is run on.
+
+    Attributes:
         models: Specs of the error models.
         methods: What is compared: names of :data:`FIXED_METHODS`, of ``models``, and of models
             that are built in.
@@ -57,8 +67,6 @@ class Experiment(Section):
         seed: Seed of everything that is drawn and has no seed of its own.
     """
 
-    name: PlainName
-    question: str = ""
     models: tuple[ModelSpec, ...] = ()
     methods: Annotated[tuple[str, ...], Field(min_length=1)] = BASELINES
     mechanization: MechanizationSection = MechanizationSection()

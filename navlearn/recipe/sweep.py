@@ -11,7 +11,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from navlearn.logs.nearest import nearest_hint
 from navlearn.recipe.document import Recipe, absolute_source, own_content
-from navlearn.recipe.experiment_base import Experiment
+from navlearn.recipe.experiment_base import Experiment, Titled
 from navlearn.recipe.sections import LogSource
 from navlearn.recipe.spec_base import Count, Positive, Seed
 from navlearn.recipe.strict import Section, parse
@@ -114,14 +114,18 @@ class DegradedDrives(Drives):
 SweptDrives = Annotated[SimulatedDrives | DegradedDrives, Field(discriminator="type")]
 
 
-class SweepRecipe(Experiment):
-    """An experiment over many drives.
+class ManyDrives(Titled):
+    """What a sweep is run on.
 
     Attributes:
         sweep: The drives, and the lengths of outages in place of ``outages.duration_s``.
     """
 
     sweep: SweptDrives
+
+
+class SweepRecipe(Experiment, ManyDrives):
+    """One experiment over many drives, complete."""
 
     @model_validator(mode="before")
     @classmethod
