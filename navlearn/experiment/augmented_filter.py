@@ -111,7 +111,7 @@ def augmented_run(runs: FilterRuns, log: DriveLog, spec: AugmentedSpec) -> Augme
     """
     options = spec.filter_options(filter_options(runs.recipe, log=log))
     timeline, navigator, run = runs.run(log, options)
-    cooler = _cooled(log) if spec.thermal else None
+    cooler = cooled(log) if spec.thermal else None
     if cooler is None:
         return AugmentedRun(navigator=navigator, run=run, thermal=None)
     other, _, less = runs.run(cooler, options)
@@ -122,8 +122,15 @@ def augmented_run(runs: FilterRuns, log: DriveLog, spec: AugmentedSpec) -> Augme
     return AugmentedRun(navigator=navigator, run=run, thermal=Thermal(warmth[run.first :], known))
 
 
-def _cooled(log: DriveLog) -> DriveLog | None:
-    """Return the log with some effect of temperature taken off its gyro; None without one."""
+def cooled(log: DriveLog) -> DriveLog | None:
+    """Return the log with :data:`AMOUNT` per kelvin of warming taken off its gyro.
+
+    Args:
+        log: The drive.
+
+    Returns:
+        The log, or None where it tells no temperature, or one that never changes.
+    """
     if "temperature" not in log.imu:
         return None
     temperature = log.imu["temperature"].ffill().bfill()
