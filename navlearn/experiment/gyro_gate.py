@@ -82,7 +82,10 @@ def errors_at_origins(
     ]
     with_model = navigator.coast(restarted(belief, fits, navigator), samples, torch.stack(told))
     without = navigator.coast(belief, samples)
-    return _largest(with_model, reference), _largest(without, reference)
+    corrected, plain = _largest(with_model, reference), _largest(without, reference)
+    # A model without terms leaves the filter as it is.
+    has_terms = torch.tensor([bool(fit.fitted.options.terms) for fit in fits])
+    return torch.where(has_terms, corrected, plain), plain
 
 
 def rate_error(past: GyroPast, fitted: FittedErrorModel, begin: int, stop: int) -> Tensor:

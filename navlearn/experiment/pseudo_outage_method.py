@@ -28,7 +28,7 @@ from navlearn.logs.resample import RissTimeline
 from navlearn.navigator import Navigator, belief_at
 from navlearn.outages.replay import Solution
 from navlearn.outages.schedule import Outage
-from navlearn.recipe.pseudo_outage_spec import PseudoOutageSpec
+from navlearn.recipe.pseudo_outage_spec import STRUCTURES, PseudoOutageSpec
 from navlearn.states import RissSample, Trajectory
 
 EXAMPLE = 600
@@ -112,7 +112,9 @@ class PseudoOutageMethod:
         verdict = rolling_origin_gate(
             *errors, margin=safeguard.gate_margin, fewest=safeguard.gate_fewest
         )
-        return fits[-1], verdict if safeguard.gate else replace(verdict, use=True)
+        # Without terms there is nothing to take off: the filter stays as it is.
+        use = (verdict.use or not safeguard.gate) and bool(fits[-1].fitted.options.terms)
+        return fits[-1], replace(verdict, use=use)
 
     def _filtered_again(
         self,
@@ -158,9 +160,12 @@ class PseudoOutageMethod:
             if safeguard.gate
             else "not asked for: the spec switches the gate off"
         )
+        reason = f"rolling-origin gate: {found}, {asked}"
+        if not fit.fitted.options.terms:
+            reason = f"{STRUCTURES[self.spec.structure]}: none was found in this drive so far"
         return {
             "used": verdict.use,
-            "reason": f"rolling-origin gate: {found}, {asked}",
+            "reason": reason,
             "gate_improvement_percent": 100.0 * verdict.improvement,
             "gate_replays": verdict.replays,
             "coefficients": model.readable_coefficients(),

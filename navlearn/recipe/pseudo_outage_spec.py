@@ -72,7 +72,7 @@ class PseudoOutageSpec(SpecBase):
     judge_every_s: Positive = 30.0
     judge_after_s: NotNegative = 240.0
     seed: Seed = 0
-    safeguard: SafeguardSpec = SafeguardSpec(output_limit=15.0)
+    safeguard: SafeguardSpec = SafeguardSpec(output_limit=15.0, gate_margin=0.03)
 
     @model_validator(mode="after")
     def _terms_are_known(self) -> "PseudoOutageSpec":

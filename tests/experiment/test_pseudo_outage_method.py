@@ -223,3 +223,12 @@ def test_specs_refuse_unknown_terms() -> None:
     for bad in ({"terms": ["wheel"]}, {"factors": ["yaw_rate*f_x"]}, {"terms": []}):
         with pytest.raises(ValueError, match=r"wheel|product|at least 1"):
             PseudoOutageSpec.model_validate({"name": "bad", **bad})
+
+
+def test_no_term_found_is_the_filter_as_it_is(make_runs: MakeRuns) -> None:
+    log = simulated("tactical")
+    runs = make_runs(log)
+    found = solve(runs, log, structure="fos", false_alarm=1e-9, safeguard=RAW.model_dump())
+    assert found.notes["used"] is False
+    assert "none was found" in str(found.notes["reason"])
+    pd.testing.assert_frame_equal(found.table, filtered(runs, log).table, check_exact=True)
