@@ -103,15 +103,17 @@ def test_without_temperature_it_is_the_filter_with_those_states(runs, log, therm
 
 def test_nothing_that_a_fix_says_later_moves_what_was_judged(runs, log):
     """What coasts from a start rests on nothing later, in the past of an outage too."""
-    part = replace(log, fixes=log.fixes[log.fixes["t"] < 300.0])
+    part = known_log(log, Outage(start=300.0, duration=20.0))
     whole, early = (augmented_run(runs, one, spec()) for one in (log, part))
     block = torch.tensor([100, 180, 250])
     assert float(whole.run.history.end[250]) < 2990
     for a, b in zip(whole.belief(block).state, early.belief(block).state, strict=True):
         torch.testing.assert_close(a, b, rtol=0.0, atol=1e-8)
     rows = whole.run.history.end[block].unsqueeze(-1) + 1 + torch.arange(100)
-    for a, b in zip(whole.coast(block, rows), early.coast(block, rows), strict=True):
-        torch.testing.assert_close(a, b, rtol=0.0, atol=1e-7)
+    # the fast form of the filter is converged to a fraction of a millimetre
+    paths = zip(whole.coast(block, rows), early.coast(block, rows), strict=True)
+    for (a, b), close in zip(paths, (1e-9, 1e-9, *5 * (1e-5,)), strict=True):
+        torch.testing.assert_close(a, b, rtol=0.0, atol=close)
 
 
 def test_both_filters_coast_from_the_same_starts(runs, log):
