@@ -14,7 +14,8 @@ from navlearn.error_models.base import FittedErrorModel
 from navlearn.filters.belief import Belief
 from navlearn.frames import enu_between
 from navlearn.fusion.error_state import ErrorLayout, error_layout
-from navlearn.learning.gyro_rate import GyroFit, GyroPast, at_samples, averaged_channels
+from navlearn.learning.gyro_past import GyroPast, at_samples, averaged_channels
+from navlearn.learning.gyro_rate import GyroFit
 from navlearn.navigator import Navigator, NavigatorRun, belief_at
 from navlearn.states import RissSample, Trajectory
 

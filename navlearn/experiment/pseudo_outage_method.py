@@ -21,7 +21,8 @@ from navlearn.experiment.gyro_gate import errors_at_origins, past_origins, rate_
 from navlearn.experiment.learned import Learned
 from navlearn.filters.belief import map_belief
 from navlearn.fusion.history import FilterHistory
-from navlearn.learning.gyro_rate import GyroFit, GyroPast, averaged_channels, gyro_past
+from navlearn.learning.gyro_past import GyroPast, averaged_channels, gyro_past
+from navlearn.learning.gyro_rate import GyroFit
 from navlearn.learning.gyro_structures import fit_gyro_rate, model_inputs
 from navlearn.logs.drive_log import DriveLog
 from navlearn.logs.resample import RissTimeline

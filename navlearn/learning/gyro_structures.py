@@ -22,17 +22,14 @@ from navlearn.error_models.gyro_terms import (
 from navlearn.error_models.pci_options import PciOptions
 from navlearn.learning.azimuth_regression import AzimuthCurve, sums_over_blocks
 from navlearn.learning.gyro_cascades import cascade_terms, smoothed_rate_error
+from navlearn.learning.gyro_past import GyroPast, GyroRateOptions, at_samples, past_curve
 from navlearn.learning.gyro_rate import (
     GyroEvidence,
     GyroFit,
-    GyroPast,
-    GyroRateOptions,
     at_origin,
-    at_samples,
     fit_at,
     fit_physical,
     gather,
-    past_curve,
     rows_before,
 )
 from navlearn.learning.weighted_ridge import solve_ridge

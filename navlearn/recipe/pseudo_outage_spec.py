@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 from navlearn.recipe.spec_base import Count, NotNegative, Positive, SafeguardSpec, Seed, SpecBase
 
 if TYPE_CHECKING:
-    from navlearn.learning.gyro_rate import GyroRateOptions
+    from navlearn.learning.gyro_past import GyroRateOptions
 
 STRUCTURES = {"ridge": "physical terms", "fos": "terms chosen by FOS", "pci": "cascades of PCI"}
 
@@ -107,7 +107,7 @@ class PseudoOutageSpec(SpecBase):
     def options(self) -> "GyroRateOptions":
         """Return how the model is learned."""
         from navlearn.learning.azimuth_regression import AzimuthNoise
-        from navlearn.learning.gyro_rate import GyroRateOptions
+        from navlearn.learning.gyro_past import GyroRateOptions
 
         noise = AzimuthNoise(
             gyro_random_walk=math.radians(self.random_walk_deg_per_sqrt_h) / 60.0,

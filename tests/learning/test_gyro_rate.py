@@ -14,14 +14,14 @@ from navlearn.errors import FitError
 from navlearn.fusion.options import EkfOptions
 from navlearn.learning.azimuth_regression import AzimuthNoise
 from navlearn.learning.gyro_cascades import cascade_terms, smoothed_rate_error
-from navlearn.learning.gyro_rate import (
-    GyroFit,
+from navlearn.learning.gyro_past import (
     GyroPast,
     GyroRateOptions,
     averaged_channels,
     gyro_past,
     past_curve,
 )
+from navlearn.learning.gyro_rate import GyroFit
 from navlearn.learning.gyro_structures import fit_gyro_rate, model_inputs
 from navlearn.logs.resample import riss_timeline
 from navlearn.logs.synthetic import simulate_drive
