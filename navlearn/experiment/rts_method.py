@@ -1,6 +1,5 @@
 """Post-processing: the filter before and after an outage, smoothed back through it."""
 
-from dataclasses import replace
 from typing import ClassVar, Final, NamedTuple
 
 import torch
@@ -10,7 +9,6 @@ from navlearn.experiment.baselines import Believed, FilterRuns, believed_table
 from navlearn.experiment.drive import timeline_of
 from navlearn.filters.belief import Belief
 from navlearn.fusion.history import FilterHistory
-from navlearn.fusion.loosely_coupled import LooselyCoupledEkf
 from navlearn.fusion.measurements import Kind, Verdict
 from navlearn.fusion.smoothing import SmoothedDrive, SmoothingOptions, smooth
 from navlearn.logs.drive_log import DriveLog
@@ -23,13 +21,6 @@ from navlearn.states import FixTiming, GnssFix, RissSample
 
 LEAD: Final = 10.0
 """The stretch that is smoothed begins this long before the outage, s."""
-
-HEIGHT_WALK: Final = 3.0
-"""Least random walk of the height in 2D, m/√s: roads climb by some per cent for hundreds of metres.
-
-A filter that drives level refuses the fixes after an outage for their height alone, and what its
-gate refused tells the smoother nothing of the way either.
-"""
 
 
 class Stretch(NamedTuple):
@@ -112,7 +103,7 @@ def smoothed_stretch(
         The stretch, from the last update before ``since`` to the end of the timeline.
     """
     begin, belief = _start_of_stretch(timeline, navigator, run, since)
-    ekf = _with_hills(navigator)
+    ekf = navigator.ekf
     samples = RissSample(*(channel[begin:] for channel in timeline.samples))
     later = timeline.timing.index >= begin
     fixes = GnssFix(*(channel[later] for channel in timeline.fixes))
@@ -121,16 +112,6 @@ def smoothed_stretch(
         history = ekf(belief, samples, fixes, timing, method=navigator.options.method)
         smoothed = smooth(ekf, belief, samples, fixes, timing, history, options)
     return Stretch(timeline.t[begin:], history, smoothed)
-
-
-def _with_hills(navigator: Navigator) -> LooselyCoupledEkf:
-    """Return a navigator's filter; in 2D one that knows of hills, the same but for its height."""
-    options = navigator.options.filter
-    if options.mechanization.three_d or options.noise.height_walk >= HEIGHT_WALK:
-        return navigator.ekf
-    return LooselyCoupledEkf(
-        replace(options, noise=replace(options.noise, height_walk=HEIGHT_WALK))
-    )
 
 
 def _start_of_stretch(

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from navlearn.fusion.noise import EkfNoise, azimuth_density, walk_densities
+from navlearn.fusion.noise import EkfNoise, azimuth_density, height_density, walk_densities
 from navlearn.fusion.sensor_errors import SensorErrors, decaying, gyro_regressor, speed_regressor
 from navlearn.mechanization.motion import RissMotion
 from navlearn.states import RissSample
@@ -216,7 +216,7 @@ def diffusion(
     zero = torch.zeros_like(samples.dt)
     moving = torch.where(motion.dt > 0.0, 1.0, 0.0).to(zero)
     walk = noise.position_walk**2 * moving
-    entries = [walk, walk, noise.height_walk**2 * moving]
+    entries = [walk, walk, height_density(errors, noise) * moving]
     if errors.velocity_states:
         velocity = noise.velocity_walk**2 * moving
         entries += [velocity, velocity, velocity]

@@ -23,6 +23,7 @@ class EkfNoise(NamedTuple):
     pitch_bias_walk: Tensor
     position_walk: Tensor
     height_walk: Tensor
+    hill_walk: Tensor
     velocity_walk: Tensor
     acceleration_walk: Tensor
     position_floor: Tensor
@@ -42,7 +43,7 @@ def log_noise(options: NoiseOptions) -> Tensor:
         options: Noise densities and deviations.
 
     Returns:
-        Logarithms in the order of :class:`EkfNoise`, −inf for zero, shape (17,).
+        Logarithms in the order of :class:`EkfNoise`, −inf for zero, shape (18,).
     """
     values = [getattr(options, name) for name in EkfNoise._fields]
     return torch.log(torch.tensor(values, dtype=torch.float64))
@@ -52,12 +53,22 @@ def noise_from_log(log: Tensor) -> EkfNoise:
     """Return the noise entries of their logarithms.
 
     Args:
-        log: As :func:`log_noise` returns, shape (17,).
+        log: As :func:`log_noise` returns, shape (18,).
 
     Returns:
         Noise entries.
     """
     return EkfNoise(*torch.exp(log).unbind(-1))
+
+
+def height_density(errors: SensorErrors, noise: EkfNoise) -> Tensor:
+    """Return the spectral density of what moves a driving car upwards of the model, m²/s.
+
+    Args:
+        errors: Tells whether the mechanization climbs.
+        noise: Noise densities.
+    """
+    return noise.height_walk**2 if errors.three_d else noise.hill_walk**2
 
 
 def azimuth_density(samples: RissSample, noise: EkfNoise) -> Tensor:

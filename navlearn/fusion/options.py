@@ -29,7 +29,8 @@ class NoiseOptions:
         speed_scale_walk: Random walk of the odometer scale, 1/√s.
         pitch_bias_walk: Random walk of the pitch bias, rad/√s.
         position_walk: What moves the car sideways of the model, per horizontal axis, m/√s.
-        height_walk: The same upwards, m/√s.
+        height_walk: The same upwards, m/√s, where the mechanization climbs (3D).
+        hill_walk: The same in 2D, where every hill comes as a surprise, m/√s.
         velocity_walk: Of the velocity states of the Shen models, m/s/√s.
         acceleration_walk: Driving noise of the odometer acceleration bias of the Shen models,
             m/s²/√s.
@@ -51,6 +52,7 @@ class NoiseOptions:
     pitch_bias_walk: float = math.radians(0.01)
     position_walk: float = 0.2
     height_walk: float = 0.1
+    hill_walk: float = 3.0
     velocity_walk: float = 0.03
     acceleration_walk: float = 0.01
     position_floor: float = 0.3

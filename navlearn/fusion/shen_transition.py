@@ -11,7 +11,7 @@ from torch import Tensor
 
 from navlearn.fusion.block_motion import BlockMotion
 from navlearn.fusion.error_dynamics import ShenTerms, shen_dynamics, shen_terms
-from navlearn.fusion.noise import EkfNoise, azimuth_density
+from navlearn.fusion.noise import EkfNoise, azimuth_density, height_density
 from navlearn.fusion.sensor_errors import SensorErrors, decay_over
 from navlearn.fusion.transition import Linearised
 from navlearn.states import RissSample
@@ -85,7 +85,7 @@ def shen_transition(
     q_azimuth = _grouped(azimuth_density(samples, noise) * motion.dt)
     duration, moving = _grouped(samples.dt), _grouped(motion.dt)
     zero = torch.zeros_like(duration)
-    walk, climb = noise.position_walk**2 * moving, noise.height_walk**2 * moving
+    walk, climb = noise.position_walk**2 * moving, height_density(errors, noise) * moving
     velocity = noise.velocity_walk**2 * moving
     sensors = [noise.acceleration_walk**2 * duration, noise.gyro_bias_walk**2 * duration]
     q = torch.diag_embed(torch.stack([walk, walk, climb, *[velocity] * 3, q_azimuth, *sensors], -1))

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from navlearn.fusion.block_motion import BlockMotion
-from navlearn.fusion.noise import EkfNoise, azimuth_density, walk_densities
+from navlearn.fusion.noise import EkfNoise, azimuth_density, height_density, walk_densities
 from navlearn.fusion.sensor_errors import (
     SensorErrors,
     decay_over,
@@ -203,7 +203,7 @@ def _noise(
     s_ee, s_nn = _dot(q_e, levers.north), -_dot(q_n, levers.east)
     s_en = -_dot(q_e, levers.east)
     moving = moved.motion.dt.sum(-1)
-    walk, climb = noise.position_walk**2 * moving, noise.height_walk**2 * moving
+    walk, climb = noise.position_walk**2 * moving, height_density(errors, noise) * moving
     zero = torch.zeros_like(s)
     entries = [
         *(s_ee + walk, s_en, zero, s_e),

@@ -108,6 +108,7 @@ def drives_of_the_model(
         pitch_bias_walk=1e-7,
         position_walk=1e-3,
         height_walk=1e-3,
+        hill_walk=1e-3,
         position_inflation=1.0,
         position_floor=0.0,
         height_floor=0.0,

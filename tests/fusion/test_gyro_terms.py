@@ -112,6 +112,7 @@ def monte_carlo(make_drive, runs):
         speed_scale_walk=1e-7,
         position_walk=1e-3,
         height_walk=1e-3,
+        hill_walk=1e-3,
         position_inflation=1.0,
         position_floor=0.0,
         height_floor=0.0,
