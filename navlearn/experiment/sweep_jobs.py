@@ -94,6 +94,7 @@ def rows_file(recipe: SweepRecipe, grade: str, seed: int, duration: float, sourc
         source: What the drives are made of: a hash of the real log, or nothing.
     """
     content = recipe.model_dump(mode="json", exclude={"name", "question"})
+    content["filter_by_grade"] = content["filter_by_grade"].get(grade, {})
     # How many drives there are does not change any of them.
     for key in ("grades", "drives", "first_seed", "durations_s", "log"):
         content["sweep"].pop(key, None)
@@ -182,7 +183,7 @@ def outage_rows(job: SweepJob, log: DriveLog, truth: SensorTruth, duration: floa
         truth: What a simulation knows of its gyro.
         duration: Length of the outages, s.
     """
-    recipe = job.recipe.for_drive(log.metadata.name, duration)
+    recipe = job.recipe.for_drive(log.metadata.name, duration, job.grade)
     torch.manual_seed(recipe.seed)
     ready = prepare_log(log, recipe)
     knows = truth_for(recipe, ready.log, truth)

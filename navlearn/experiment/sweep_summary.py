@@ -1,5 +1,6 @@
 """What a sweep tells its report: its cells, its methods, what each cost, and what failed."""
 
+import json
 from collections.abc import Sequence
 
 import pandas as pd
@@ -44,9 +45,18 @@ def sweep_summary(
             f"outages: {recipe.outages.count} per drive and length, placed by "
             f"`{recipe.outages.placement}`, none before {recipe.outages.warm_up_s:g} s",
             *filter_and_training(recipe.for_drive("any", sweep.durations_s[0])),
+            *_filters_of_grades(recipe),
             "clocks: latencies are estimated on every drive from what lies before its first "
             "outage, and removed where they are clear of zero",
         ),
+    )
+
+
+def _filters_of_grades(recipe: SweepRecipe) -> tuple[str, ...]:
+    """Return what the filter is told of each grade beyond what all have in common."""
+    return tuple(
+        f"filter, {gyro_class(grade)}: {json.dumps(options)} as well, for every method alike"
+        for grade, options in recipe.filter_by_grade.items()
     )
 
 

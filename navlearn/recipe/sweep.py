@@ -12,6 +12,7 @@ from pydantic import AfterValidator, Field, model_validator
 from navlearn.logs.nearest import nearest_hint
 from navlearn.recipe.document import Recipe, absolute_source, own_content
 from navlearn.recipe.experiment_base import Experiment, Titled
+from navlearn.recipe.filter_options import checked_filter
 from navlearn.recipe.sections import LogSource
 from navlearn.recipe.spec_base import Count, Positive, Seed
 from navlearn.recipe.strict import Section, parse
@@ -124,8 +125,22 @@ class ManyDrives(Titled):
     sweep: SweptDrives
 
 
+def _filters_of_grades(filters: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
+    _known_grades(tuple(filters))
+    return {grade: checked_filter(options) for grade, options in filters.items()}
+
+
 class SweepRecipe(Experiment, ManyDrives):
-    """One experiment over many drives, complete."""
+    """One experiment over many drives, complete.
+
+    Attributes:
+        filter_by_grade: Options of the filter by grade, laid over ``filter``: what the data sheet
+            of a gyro, or drives that are not scored, tell of its noise. For every method alike.
+    """
+
+    filter_by_grade: Annotated[dict[str, dict[str, Any]], AfterValidator(_filters_of_grades)] = (
+        Field(default_factory=dict)
+    )
 
     @model_validator(mode="before")
     @classmethod
@@ -141,14 +156,38 @@ class SweepRecipe(Experiment, ManyDrives):
         del content["outages"]["duration_s"]
         return content
 
-    def for_drive(self, name: str, duration: float) -> Recipe:
+    @model_validator(mode="after")
+    def _filters_are_of_grades_swept(self) -> "SweepRecipe":
+        for grade in self.filter_by_grade:
+            if grade not in self.sweep.grades:
+                raise ValueError(
+                    f"filter_by_grade: {grade!r} is not among the grades of the sweep: "
+                    f"{', '.join(self.sweep.grades)}"
+                )
+        return self
+
+    def filter_of(self, grade: str | None) -> dict[str, Any]:
+        """Return the filter's options for a grade: its own laid over those of all.
+
+        Args:
+            grade: Sensor grade; None for what all have in common.
+        """
+        merged = dict(self.filter)
+        for name, value in self.filter_by_grade.get(grade or "", {}).items():
+            both = isinstance(value, dict) and isinstance(merged.get(name), dict)
+            merged[name] = {**merged[name], **value} if both else value
+        return merged
+
+    def for_drive(self, name: str, duration: float, grade: str | None = None) -> Recipe:
         """Return the recipe of one drive of the sweep.
 
         Args:
             name: The drive's name; it stands for the log, which nobody opens.
             duration: Length of its outages, s.
+            grade: Sensor grade of the drive, for the filter's options; None where no filter runs.
         """
         shared = {key: getattr(self, key) for key in Experiment.model_fields}
+        shared["filter"] = self.filter_of(grade)
         shared["outages"] = self.outages.model_copy(update={"duration_s": duration})
         return Recipe.model_construct(**shared, log=LogSource(path=Path(name)))
 

@@ -41,6 +41,19 @@ def test_a_sweep_tells_its_drives(tmp_path: Path) -> None:
     assert one.model("anarx") == sweep.models[0]
 
 
+def test_a_grade_may_have_its_own_filter(tmp_path: Path) -> None:
+    grade = load_sweep(written(tmp_path, SWEEP)).sweep.grades[0]
+    text = SWEEP + f"filter_by_grade: {{{grade}: {{noise: {{speed_noise: 0.2}}}}}}\n"
+    sweep = load_sweep(written(tmp_path, text))
+    own = sweep.for_drive("some_drive", 30.0, grade).ekf_options().noise
+    assert (own.speed_noise, own.turn_noise) == (0.2, 0.01)
+    assert sweep.for_drive("some_drive", 30.0).ekf_options().noise.speed_noise != 0.2
+    with pytest.raises(ConfigError, match="not among the grades"):
+        load_sweep(written(tmp_path, SWEEP + "filter_by_grade: {low_cost_obd: {}}\n"))
+    with pytest.raises(ConfigError, match="unknown grade"):
+        load_sweep(written(tmp_path, SWEEP + "filter_by_grade: {memsl: {}}\n"))
+
+
 def test_resolved_and_read_again_it_is_the_same(tmp_path: Path) -> None:
     sweep = load_sweep(written(tmp_path, SWEEP))
     again = tmp_path / "resolved.yaml"
