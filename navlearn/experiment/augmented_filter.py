@@ -114,7 +114,7 @@ def augmented_run(runs: FilterRuns, log: DriveLog, spec: AugmentedSpec) -> Augme
     cooler = cooled(log) if spec.thermal else None
     if cooler is None:
         return AugmentedRun(navigator=navigator, run=run, thermal=None)
-    other, _, less = runs.run(cooler, options)
+    other, _, less = runs.run(cooler, options, series="cooler")
     warmth = (timeline.samples.yaw_rate - other.samples.yaw_rate) / AMOUNT
     known = separate_parameter(
         navigator.ekf.model, run.history, less.history, AMOUNT, spec.temperature_prior

@@ -64,26 +64,29 @@ class FilterRuns:
         """
         self.recipe, self.growing = recipe, growing
         self._made: dict[tuple[str, str], MadeRun] = {}
-        self._latest: dict[str, MadeRun] = {}
+        self._latest: dict[tuple[str, str], MadeRun] = {}
 
     def run(
-        self, log: DriveLog, options: EkfOptions | None = None
+        self, log: DriveLog, options: EkfOptions | None = None, *, series: str = ""
     ) -> tuple[RissTimeline, Navigator, NavigatorRun]:
         """Return timeline, navigator and run of a log.
 
         Args:
             log: The drive up to an outage's end, without fixes from its start.
             options: Which filter; None is the recipe's honest one.
+            series: Name of the logs that begin alike: what a method made of each known log does
+                not begin like the logs themselves.
         """
         chosen = filter_options(self.recipe, log=log) if options is None else options
         # By what is in it: a log that lacks one more fix must not get the run of another.
         key = (repr(chosen), log_fingerprint(log))
+        alike = (key[0], series)
         if key not in self._made:
             navigator = Navigator(NavigatorOptions(filter=chosen))
             timeline = timeline_of(log, self.recipe)
-            earlier = self._latest.get(key[0]) if self.growing else None
+            earlier = self._latest.get(alike) if self.growing else None
             made = made_run(navigator, timeline, earlier)
-            self._made[key] = self._latest[key[0]] = made
+            self._made[key] = self._latest[alike] = made
         return self._made[key]
 
 

@@ -18,6 +18,9 @@ from navlearn.fusion.loosely_coupled import LooselyCoupledEkf
 from navlearn.navigator import NavigatorRun, belief_at
 from navlearn.states import FixTiming, GnssFix, NavState, RissSample, Trajectory
 
+PADDING = 10
+"""Most samples by which stretches that run as one batch may differ in length."""
+
 
 class FeedForward(NamedTuple):
     """A feed-forward filter's run with fixes up to a moment and none from there on.
@@ -111,7 +114,7 @@ def stretch_of(
 
 
 def run_feed_forward(ekf: LooselyCoupledEkf, stretches: list[Stretch]) -> list[FeedForward]:
-    """Run a feed-forward filter over stretches of one or several drives, all at once.
+    """Run a feed-forward filter over stretches of one or several drives, those alike at once.
 
     Args:
         ekf: The filter, of the same error state as that of the closed runs.
@@ -120,6 +123,26 @@ def run_feed_forward(ekf: LooselyCoupledEkf, stretches: list[Stretch]) -> list[F
     Returns:
         A run per stretch.
     """
+    made: dict[int, FeedForward] = {}
+    for places in _of_like_length([len(one.samples.dt) for one in stretches]):
+        runs = _run_together(ekf, [stretches[k] for k in places])
+        made |= dict(zip(places, runs, strict=True))
+    return [made[k] for k in range(len(stretches))]
+
+
+def _of_like_length(lengths: Sequence[int]) -> list[list[int]]:
+    """Return places of lengths that differ by little: all padding falls into one block."""
+    groups: list[list[int]] = []
+    for k in sorted(range(len(lengths)), key=lambda k: lengths[k]):
+        if groups and lengths[k] - lengths[groups[-1][0]] <= PADDING:
+            groups[-1].append(k)
+        else:
+            groups.append([k])
+    return groups
+
+
+def _run_together(ekf: LooselyCoupledEkf, stretches: list[Stretch]) -> list[FeedForward]:
+    """Run a feed-forward filter over stretches as one batch."""
     length = max(len(one.samples.dt) for one in stretches)
     most = max(len(one.timing.index) for one in stretches)
     with torch.no_grad():
