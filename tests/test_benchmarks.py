@@ -15,7 +15,6 @@ SMALLEST = {
     "mechanization": ["--repeats", "1", "--loop-samples", "100"],
     "pci": ["--repeats", "1", "--windows", "2", "--draws", "2", "--rows", "100", "--seeds", "1"],
     "predictor": ["--rows", "20", "--repeats", "1"],
-    "simulated_drives": ["--grades", "mems_m", "--drives", "1", "--outages", "1x30"],
     "smoothing": [
         *("--grades", "mems_m", "--seeds", "11", "--outages", "1x30"),
         *("--steps", "50", "--repeats", "1"),
