@@ -55,7 +55,7 @@ def search_groups(
 
     Raises:
         ShapeError: Records do not pair up or have different candidates.
-        FitError: A record has hardly more rows than candidates.
+        FitError: A record has hardly more rows than candidates, or a row that is not finite.
     """
     count = _checked(columns, targets)
     scale = torch.stack([x.square().mean(0).sqrt().clamp(min=1e-300) for x in columns])
@@ -75,7 +75,7 @@ def search_groups(
             break
         chosen.append(best)
         reductions.append(taken)
-        gram, moment = _eliminated(gram, moment, best)
+        gram, moment = _eliminated(gram, moment, whole, best)
     table = torch.stack(reductions) if reductions else noise.new_zeros((0, records))
     return GroupSearch(tuple(chosen), table, asked, taken)
 
@@ -96,12 +96,15 @@ def _checked(columns: list[Tensor], targets: list[Tensor]) -> int:
                 f"group search: a record has {len(y)} rows for {count} candidates; give longer "
                 "drives"
             )
+        if not bool(torch.isfinite(x).all() & torch.isfinite(y).all()):
+            raise FitError("group search: a row is not finite; leave it out")
     return count
 
 
 def _noise(gram: Tensor, moment: Tensor, targets: list[Tensor]) -> Tensor:
     """Return the variance that all candidates together leave in each record, shape (D,)."""
-    ridge = 1e-9 * gram.diagonal(dim1=-2, dim2=-1).mean(-1)[:, None, None]
+    size = gram.diagonal(dim1=-2, dim2=-1).mean(-1)[:, None, None]
+    ridge = 1e-9 * torch.where(size > 0.0, size, 1.0)
     solved = torch.linalg.solve(gram + ridge * torch.eye(gram.shape[-1]).to(gram), moment)
     explained = (solved * moment).sum(-1)
     energy = torch.stack([y.square().sum() for y in targets])
@@ -130,11 +133,13 @@ def _best(
     return best, taken[:, best]
 
 
-def _eliminated(gram: Tensor, moment: Tensor, pivot: int) -> tuple[Tensor, Tensor]:
+def _eliminated(gram: Tensor, moment: Tensor, whole: Tensor, pivot: int) -> tuple[Tensor, Tensor]:
     """Return Gram matrices and moments of what is orthogonal to a term."""
     column = gram[:, :, pivot]
-    energy = column[:, pivot].clamp(min=1e-300)
-    share = column / energy.unsqueeze(-1)
+    energy = column[:, pivot]
+    # Records to which the term is nothing new stay: dividing by what rounding left would ruin them.
+    fine = energy > COLLINEAR * whole[:, pivot]
+    share = column / torch.where(fine, energy, torch.inf).unsqueeze(-1)
     return (
         gram - share.unsqueeze(-1) * column.unsqueeze(-2),
         moment - share * moment[:, pivot : pivot + 1],

@@ -71,6 +71,8 @@ def test_what_cannot_be_searched_is_refused():
         search_groups([x], [torch.ones(49, dtype=torch.float64)], max_terms=2)
     with pytest.raises(FitError, match="longer drives"):
         search_groups([x[:5]], [torch.ones(5, dtype=torch.float64)], max_terms=2)
+    with pytest.raises(FitError, match="not finite"):
+        search_groups([x], [torch.full((50,), torch.nan, dtype=torch.float64)], max_terms=2)
 
 
 def test_a_candidate_that_repeats_another_is_taken_once():
@@ -80,3 +82,23 @@ def test_a_candidate_that_repeats_another_is_taken_once():
     found = search_groups(twice, targets, max_terms=3)
     assert len(found.chosen) == 1
     assert found.chosen[0] in (0, 2)
+
+
+def test_a_term_that_one_record_cannot_tell_from_another_does_it_no_harm():
+    theta = torch.tensor([[1.0, 0.7, 0.0, 0.9]] * 3, dtype=torch.float64)
+    columns, targets = records(theta, seed=4)
+    noise = [y - x @ theta[0] for x, y in zip(columns, targets, strict=True)]
+    columns[1][:, 1] = 3.0 * columns[1][:, 0]  # such as |ω| on a drive of left turns
+    columns[2] = torch.zeros_like(columns[2])  # a car that was parked
+    targets[1:] = [columns[1] @ theta[1] + noise[1], noise[2]]
+    found = search_groups(columns, targets, max_terms=4)
+    assert set(found.chosen) == {0, 1, 3}
+    assert bool(torch.isfinite(found.reduction).all())
+    part = columns[1][:, [0, 3]]
+    target = targets[1].unsqueeze(-1)
+    left = target - part @ torch.linalg.lstsq(part, target).solution
+    kept = columns[1][:, [0, 2, 3]]
+    rest = (target - kept @ torch.linalg.lstsq(kept, target).solution).square().sum()
+    gone = (target.square().sum() - left.square().sum()) / (rest / (400 - 4))
+    assert float(found.reduction[:, 1].sum()) == pytest.approx(float(gone), rel=1e-5)
+    assert float(found.reduction[:, 2].sum()) == 0.0
