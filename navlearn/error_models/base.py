@@ -5,13 +5,23 @@ its own through an outage: ``step`` in a stream, ``forward`` over windows, both 
 """
 
 from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Final, Protocol, runtime_checkable
 
 from torch import Tensor, nn
 
 from navlearn.errors import ConfigError
 
 ACTS_ON = ("gyro_rate", "azimuth_rate", "azimuth", "position", "speed_scale", "pseudorange")
+OUTPUT_UNITS: Final[dict[str, str]] = {
+    "gyro_rate": "rad/s",
+    "azimuth_rate": "rad per step",
+    "azimuth": "rad",
+    "position": "m per step",
+    "speed_scale": "1",
+    "pseudorange": "m",
+}
+"""Unit of a correction by what it acts on."""
+
 REGIMES = ("online", "other-drives", "adapted")
 
 
@@ -49,7 +59,7 @@ class TrainingSource:
     Attributes:
         logs: Names of the logs.
         regime: ``online`` (this drive, before the outage), ``other-drives`` or ``adapted``.
-        acts_on: What the correction is added to, one of ``ACTS_ON``.
+        acts_on: What the correction is subtracted from, one of ``ACTS_ON``.
         inputs: Names of the regressors, in order.
         outputs: Names of the outputs, in order.
         time_step: Seconds between rows.

@@ -7,20 +7,11 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from navlearn.error_models.base import FittedErrorModel
+from navlearn.error_models.base import OUTPUT_UNITS, FittedErrorModel
 from navlearn.error_models.fos_candidates import Term
 from navlearn.errors import ConfigError
 
 POWERS = {"²": 2, "³": 3, "⁴": 4}
-OUTPUT_UNITS = {
-    "gyro_rate": "rad/s",
-    "azimuth_rate": "rad/s",
-    "azimuth": "rad",
-    "position": "m",
-    "speed_scale": "1",
-    "pseudorange": "m",
-}
-"""SI unit of a correction by what it acts on."""
 
 
 def fitted_equation(
@@ -32,7 +23,8 @@ def fitted_equation(
         fitted: Model of FOS with its record.
         units: Units of inputs by name, for a record that names its inputs and not their units;
             unless all are there, none are written.
-        output_unit: Unit of the target; empty for the SI unit of what the model acts on.
+        output_unit: Unit of the target; empty for that of a correction to what the model
+            acts on.
     """
     source, known = fitted.record.source, units or {}
     model: Any = fitted.model

@@ -5,8 +5,9 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, Final
 
-from navlearn.error_models.base import FittedErrorModel
+from navlearn.error_models.base import OUTPUT_UNITS, FittedErrorModel
 from navlearn.errors import ConfigError
+from navlearn.fusion.error_state import ERROR_UNITS
 
 FORMAT: Final = "navlearn predictor 1"
 
@@ -28,30 +29,6 @@ INPUT_UNITS: Final[dict[str, str]] = {
     "delay": "60 s",
 }
 """Units of the channels of :mod:`navlearn.error_models.regressors`."""
-
-FILTER_UNITS: Final[dict[str, str]] = {
-    **dict.fromkeys(("east", "north", "up"), "m"),
-    **dict.fromkeys(("v_east", "v_north", "v_up"), "m/s"),
-    **dict.fromkeys(("azimuth", "pitch_bias"), "rad"),
-    **dict.fromkeys(("gyro_scale", "gyro_abs_scale", "speed_scale"), "1"),
-    **dict.fromkeys(("gyro_f_x", "gyro_f_y"), "rad·s/m"),
-    "acceleration_bias": "m/s²",
-    "gyro_bias": "rad/s",
-    "gyro_quadratic": "s/rad",
-    "speed_delay": "s",
-    "speed_offset": "m/s",
-}
-"""Units of the errors that a filter predicts of itself, which the azimuth models read."""
-
-OUTPUT_UNITS: Final[dict[str, str]] = {
-    "gyro_rate": "rad/s",
-    "azimuth_rate": "rad per step",
-    "azimuth": "rad",
-    "position": "m per step",
-    "speed_scale": "1",
-    "pseudorange": "m",
-}
-"""Unit of a correction by what it acts on."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,7 +102,7 @@ def describe(fitted: FittedErrorModel) -> PredictorMetadata:
     record = fitted.record
     model: Any = fitted.model
     source = record.source
-    known = FILTER_UNITS | INPUT_UNITS
+    known = ERROR_UNITS | INPUT_UNITS
     units = source.input_units or tuple(known.get(name, "") for name in source.inputs)
     unknown = [name for name, unit in zip(source.inputs, units, strict=True) if not unit]
     if unknown or not source.inputs or not source.outputs:

@@ -5,6 +5,7 @@ same anywhere on the Earth.
 """
 
 from dataclasses import dataclass
+from typing import Final
 
 import torch
 from torch import Tensor
@@ -13,6 +14,20 @@ from navlearn.filters.belief import Belief
 from navlearn.frames import enu_between, shift_geodetic
 from navlearn.fusion.options import EkfOptions
 from navlearn.states import NavState
+
+ERROR_UNITS: Final[dict[str, str]] = {
+    **dict.fromkeys(("east", "north", "up"), "m"),
+    **dict.fromkeys(("v_east", "v_north", "v_up"), "m/s"),
+    **dict.fromkeys(("azimuth", "pitch_bias"), "rad"),
+    **dict.fromkeys(("gyro_scale", "gyro_abs_scale", "speed_scale"), "1"),
+    **dict.fromkeys(("gyro_f_x", "gyro_f_y"), "rad·s/m"),
+    "acceleration_bias": "m/s²",
+    "gyro_bias": "rad/s",
+    "gyro_quadratic": "s/rad",
+    "speed_delay": "s",
+    "speed_offset": "m/s",
+}
+"""Units of the errors of all models, by name."""
 
 
 @dataclass(frozen=True)

@@ -6,13 +6,14 @@ filter's prediction of its error, and course. The regressors are the filter's pr
 errors, which only a filter that feeds nothing back has.
 """
 
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
 from navlearn.attitude import wrap_angle
 from navlearn.errors import ConfigError
+from navlearn.fusion.error_state import ERROR_UNITS
 from navlearn.fusion.filter_model import FilterModel, difference
 from navlearn.fusion.ground_velocity import BlockEnd
 from navlearn.fusion.history import FilterHistory
@@ -223,20 +224,4 @@ def error_unit(name: str) -> str:
     Args:
         name: Its name, as :func:`navlearn.fusion.error_state.error_layout` gives it.
     """
-    return _UNITS.get(name, "m/s" if name.startswith("v_") else "1")
-
-
-_UNITS: Final = {
-    "east": "m",
-    "north": "m",
-    "up": "m",
-    "azimuth": "rad",
-    "acceleration_bias": "m/s^2",
-    "gyro_bias": "rad/s",
-    "gyro_quadratic": "s/rad",
-    "gyro_f_x": "rad s/m",
-    "gyro_f_y": "rad s/m",
-    "speed_delay": "s",
-    "speed_offset": "m/s",
-    "pitch_bias": "rad",
-}
+    return ERROR_UNITS.get(name, "1")

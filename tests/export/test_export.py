@@ -14,13 +14,18 @@ import torch
 from torch import Tensor
 
 from navlearn.error_models.anarx import Anarx
-from navlearn.error_models.base import ACTS_ON, FittedErrorModel, TrainingSource
+from navlearn.error_models.base import (
+    ACTS_ON,
+    OUTPUT_UNITS,
+    FittedErrorModel,
+    TrainingSource,
+)
 from navlearn.error_models.regressors import CHANNELS, build_regressors
 from navlearn.errors import ConfigError, FitError, LogNotFoundError, OutputExistsError, ShapeError
 from navlearn.export import PredictorMetadata, describe, export_predictor, load_predictor
 from navlearn.export.example import load_example, save_example
-from navlearn.export.metadata import FILTER_UNITS, FORMAT, INPUT_UNITS, OUTPUT_UNITS
-from navlearn.fusion.error_state import error_layout
+from navlearn.export.metadata import FORMAT, INPUT_UNITS
+from navlearn.fusion.error_state import ERROR_UNITS, error_layout
 from navlearn.fusion.options import GYRO_TERMS, SPEED_TERMS, EkfOptions
 
 Fitted = Callable[..., FittedErrorModel]
@@ -162,8 +167,8 @@ def test_every_channel_and_target_has_a_unit() -> None:
     assert tuple(INPUT_UNITS) == CHANNELS
     shen = error_layout(EkfOptions(model="shen2010")).names
     terms = {f"gyro_{term}" for term in GYRO_TERMS} | {f"speed_{term}" for term in SPEED_TERMS}
-    assert set(FILTER_UNITS) == terms | set(shen) | {"pitch_bias"}
-    assert not set(FILTER_UNITS) & set(INPUT_UNITS)
+    assert set(ERROR_UNITS) == terms | set(shen) | {"pitch_bias"}
+    assert not set(ERROR_UNITS) & set(INPUT_UNITS)
     assert set(OUTPUT_UNITS) == set(ACTS_ON)
     scale = signature(build_regressors).parameters["delay_scale"].default
     assert INPUT_UNITS["delay"] == f"{scale:g} s"
