@@ -120,7 +120,7 @@ def build_fitted(
         kind="fos",
         model=model.eval(),
         options=options,
-        record=_record(found, u.shape[:-1].numel(), source, curve[-1]),
+        record=_record(found, u.shape[:-1].numel(), source, curve[-1], options.seed),
         curves=TrainingCurves(train=curve, valid=()),
     )
 
@@ -141,7 +141,9 @@ def _free_run_variance(model: FosModel, u: Tensor, y: Tensor, weight: Tensor) ->
     return torch.where(count > 0, error / count, torch.inf).unsqueeze(1)
 
 
-def _record(found: Outcome, rows: int, source: TrainingSource, loss: float) -> TrainingRecord:
+def _record(
+    found: Outcome, rows: int, source: TrainingSource, loss: float, seed: int
+) -> TrainingRecord:
     """Return what the model was trained on."""
     return TrainingRecord(
         source=source,
@@ -152,7 +154,7 @@ def _record(found: Outcome, rows: int, source: TrainingSource, loss: float) -> T
         loop="open",
         iterations=len(found.errors) - 1,
         stopped=found.stopped,
-        seed=0,
+        seed=seed,
         train_loss=loss,
         valid_loss=float("nan"),
         versions=(

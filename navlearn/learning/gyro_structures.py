@@ -168,7 +168,7 @@ def chosen_terms(evidence: GyroEvidence, options: GyroRateOptions, count: int) -
     )
     columns = evidence.rows.columns[:count] * evidence.prior
     fitted = fit_fos(columns, evidence.rows.target[:count].unsqueeze(-1), options=search)
-    # The constant is no candidate here: a row is an innovation, and its mean is zero.
+    # A row is an innovation, of mean zero: should the search take the constant, it tells nothing.
     found: Any = fitted.model
     return [term[0][0] for term in found.terms if term]
 

@@ -42,7 +42,7 @@ class PseudoOutageSpec(SpecBase):
         fix_variance: Factor on the variance that the filter gives what a fix told of the azimuth.
         restart: Where azimuth and gyro bias at the outage's start come from: ``filter`` runs the
             filter again over the last minutes with the corrected gyro, ``regression`` takes those
-            of the regression itself.
+            of the regression itself. The gate judges by those of the regression either way.
         refilter_s: The filter runs again over so much of the past with the corrected gyro.
         judge_s: Length of the emulated outages that judge the model.
         judge_every_s: Time between their starts.
@@ -85,6 +85,11 @@ class PseudoOutageSpec(SpecBase):
                     raise ValueError(
                         f"{name!r} is made of {channel!r}; known: {', '.join(CHANNELS)}"
                     )
+        for name in self.terms:
+            if name.count("*") > 1:
+                raise ValueError(f"the term {name!r} has more than two factors; give one or two")
+        if self.structure == "pci" and self.false_alarm == 1.0:
+            raise ValueError("pci asks for a false_alarm below 1")
         for name in self.factors:
             if "*" in name:
                 raise ValueError(f"the factor {name!r} is a product; list its factors alone")
@@ -102,7 +107,7 @@ class PseudoOutageSpec(SpecBase):
     @property
     def seeds(self) -> dict[str, int]:
         """Seeds of everything that it draws, by name."""
-        return {"pci": self.seed} if self.structure == "pci" else {}
+        return {self.name: self.seed} if self.structure == "pci" else {}
 
     def options(self) -> "GyroRateOptions":
         """Return how the model is learned."""

@@ -40,3 +40,11 @@ def test_options_carry_the_spec_in_si() -> None:
 def test_pci_takes_channels() -> None:
     with pytest.raises(ValueError, match="pci takes channels"):
         PseudoOutageSpec(name="one", structure="pci", factors=("yaw_rate", "abs_f_x"))
+
+
+def test_what_no_fit_would_take_is_refused_before() -> None:
+    with pytest.raises(ValueError, match="more than two factors"):
+        PseudoOutageSpec(name="one", terms=("f_x*f_x*f_y",))
+    with pytest.raises(ValueError, match="below 1"):
+        PseudoOutageSpec(name="one", structure="pci", factors=("yaw_rate",), false_alarm=1.0)
+    PseudoOutageSpec(name="one", structure="fos", false_alarm=1.0).options()
