@@ -5,7 +5,8 @@ and 60 s at 10 Hz, eleven lags. `paper` is the model of the paper, `default` tes
 fitted, fits all polynomials again and polishes the responses. Held-out errors are RMS against the
 noiseless output, as a share of its spread. No package does PCI: the peers identify the same sum of
 cascades as a polynomial of third degree of the lagged inputs, of at most 40 terms where they choose
-any. Command:
+any. Their times and ours are those of the fit and of the output over rows of training and held-out
+rows, the peers' table of products in them. Command:
 
     python benchmarks/pci.py [--repeats 3] [--windows 32] [--draws 200] [--rows 600 3000]
         [--seeds 3]
