@@ -42,6 +42,8 @@ def cut_to_one_drive(sweep: SweepRecipe) -> SweepRecipe:
     length = {} if isinstance(sweep.sweep, DegradedDrives) else {"duration_s": 1000.0}
     content["sweep"] |= {"grades": ["mems_l"], "drives": 1, "first_seed": 11, **length}
     content["sweep"]["durations_s"] = [60.0]
+    by_grade = content["filter_by_grade"]
+    content["filter_by_grade"] = {name: by_grade[name] for name in by_grade if name == "mems_l"}
     content["outages"]["count"] = 1
     for model in content["models"]:
         if model.get("type") == "anarx":

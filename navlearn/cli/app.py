@@ -23,8 +23,8 @@ from navlearn.cli.train import train
 from navlearn.errors import NavlearnError
 
 REFUSED = 2
-"""Exit code where an input is refused; 1 is for findings of ``check``."""
-
+"""Exit code where an input is refused; 1 is for findings of ``check`` and drives of a sweep that
+failed."""
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C, as shells have it."""

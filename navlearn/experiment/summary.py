@@ -100,7 +100,8 @@ def filter_and_training(recipe: Recipe) -> tuple[str, ...]:
     told = f"but for {', '.join(stated)}, which the recipe states" if stated else "throughout"
     lines = [
         f"mechanization: {mechanization.dims}D, {mechanization.rate_hz:g} Hz",
-        f"filter: the package's defaults {told}; the same for every method",
+        f"filter: the package's defaults {told}; the same for every method but "
+        "for what models and oracles change of it",
     ]
     anarx = [spec for spec in recipe.models if isinstance(spec, AnarxSpec)]
     if any(spec.trained is None for spec in anarx):

@@ -33,7 +33,7 @@ class TrainResult:
 def train_recipe(
     recipe: Recipe, out: Path, *, force: bool = False, progress: bool = True
 ) -> TrainResult:
-    """Fit every model of a recipe on its whole drive.
+    """Fit those models of a recipe on its whole drive that can be used on others: ANARX.
 
     Args:
         recipe: The recipe; its outages play no part.
@@ -45,7 +45,7 @@ def train_recipe(
         The folder and the models.
 
     Raises:
-        ConfigError: The recipe has no model, or one that its filter leaves nothing to act on.
+        ConfigError: The recipe has no such model, or its filter leaves one nothing to act on.
         FitError: The drive is too short to learn from.
         OutputExistsError: The folder holds a finished run, or files that no run wrote.
     """

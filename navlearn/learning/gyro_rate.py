@@ -191,7 +191,7 @@ def _fitted_model(
         loop="open",
         iterations=1,
         stopped="closed form",
-        seed=0,
+        seed=options.seed,
         train_loss=loss,
         valid_loss=float("nan"),
         versions=(

@@ -12,7 +12,13 @@ import pandas as pd
 
 from navlearn.outages.bootstrap import resampled_sums, tail_probability
 from navlearn.outages.roles import ORACLE
-from navlearn.outages.statistics import HEADLINE, compare_columns, error_table, units_of
+from navlearn.outages.statistics import (
+    FEWEST_UNITS,
+    HEADLINE,
+    compare_columns,
+    error_table,
+    units_of,
+)
 from navlearn.outages.track import Array
 
 
@@ -93,7 +99,7 @@ def share_of_columns(
         errors, ORACLE, baseline, confidence=confidence, resamples=resamples, seed=seed
     )
     if limit.verdict != "helps" or values.empty:
-        return _unknown(len(values), "the oracle's own gain is not clear of zero")
+        return _unknown(len(values), why_no_share(limit.units, limit.failed))
     figures = values.to_numpy()
     units, _ = units_of(values.index)
     gains = _gains(figures.sum(axis=0, keepdims=True))[0]
@@ -106,6 +112,20 @@ def share_of_columns(
         high_percent=high,
         outages=len(values),
     )
+
+
+def why_no_share(units: int, failed: int) -> str:
+    """Return why an oracle that was run is not known to help, so that there is no share.
+
+    Args:
+        units: Drives (or outages of one drive) on which it was compared with the baseline.
+        failed: Outages that only the baseline finished.
+    """
+    if units < FEWEST_UNITS:
+        return f"the oracle's own gain rests on fewer than {FEWEST_UNITS} drives or outages"
+    if failed:
+        return "the oracle failed where the baseline did not"
+    return "the oracle's own gain is not clear of zero"
 
 
 def share_columns(share: OracleShare) -> dict[str, object]:

@@ -7,6 +7,7 @@ import pandas as pd
 
 from navlearn.outages.leaks import leak_warnings
 from navlearn.outages.naming import counted, with_unit
+from navlearn.outages.oracle_share import why_no_share
 from navlearn.outages.roles import ORACLE, from_paper, having, real_time
 from navlearn.outages.run_summary import MethodSummary
 from navlearn.outages.statistics import MARGIN_PERCENT
@@ -105,7 +106,9 @@ def _bounds(part: pd.DataFrame) -> str:
             said.append(f" {words}{gains}.")
     oracle = part[part["method"] == ORACLE]
     if (oracle["verdict"] != "helps").any():
-        said.append(" The oracle's own gain is not clear of zero, so there are no shares of it.")
+        one = oracle.iloc[0]
+        why = why_no_share(int(one["units"]), int(one["failed_alone"]))
+        said.append(f" {why[0].upper()}{why[1:]}, so there are no shares of it.")
     return "".join(said)
 
 
@@ -115,12 +118,15 @@ def _papers(methods: Mapping[str, MethodSummary], table: pd.DataFrame) -> list[s
         mine = table[(table["method"] == name) & table["verdict"].notna()]
         if not from_paper(name) or mine.empty:
             continue
-        guarded = "behind the safeguard" if methods[name].guarded else "without a safeguard"
+        guarded = methods[name].guarded
+        what, how = (
+            ("model", "behind the safeguard") if guarded else ("own version", "without a safeguard")
+        )
         cells = "; ".join(
             f"{_where(line)} {line['verdict']} ({percent(line['improvement_percent'])})"
             for _, line in mine.iterrows()
         )
-        lines.append(f"**The paper's own version {name}**, {guarded}: {cells}.")
+        lines.append(f"**The paper's {what} {name}**, {how}: {cells}.")
     return lines
 
 

@@ -34,9 +34,12 @@ FIXED_METHODS: Final[dict[str, FixedMethod]] = {
         "post-processing",
     ),
     "oracle": FixedMethod(
-        "the filter on a gyro whose deterministic errors are taken off", "oracle"
+        "the filter on a gyro whose deterministic errors are taken off, told how noisy it then is",
+        "oracle",
     ),
-    "noise_free_gyro": FixedMethod("the filter on an error-free gyro", "oracle"),
+    "noise_free_gyro": FixedMethod(
+        "the filter on an error-free gyro, told that it has no error", "oracle"
+    ),
     "perfect_azimuth": FixedMethod("the reference's azimuth with the filter's odometer", "oracle"),
 }
 

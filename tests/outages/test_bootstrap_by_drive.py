@@ -122,7 +122,7 @@ def test_a_share_of_nothing_is_not_told(oracle: float | None, why: str) -> None:
 def test_too_few_drives_tell_no_share() -> None:
     base = np.linspace(5.0, 15.0, 20)
     rows = table({"ekf": base, "net": 0.8 * base, "oracle": 0.6 * base}, drives=5)
-    assert "not clear of zero" in share_of_oracle(rows, "net", metric=METRIC).unknown_because
+    assert "fewer than 6 drives" in share_of_oracle(rows, "net", metric=METRIC).unknown_because
 
 
 def test_draws_without_a_gain_of_the_oracle_widen_the_interval() -> None:

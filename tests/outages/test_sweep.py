@@ -213,6 +213,15 @@ def test_a_class_where_the_oracle_gains_nothing_has_no_shares(sweep: SweepSummar
     assert not any("of the oracle's gain" in line for line in told)
 
 
+def test_too_few_drives_are_not_taken_for_a_useless_oracle(sweep: SweepSummary) -> None:
+    rows = sweep.rows[sweep.rows["drive"].str.endswith(("_1", "_2"))]
+    lines = sweep_meaning(sweep, sweep_table(rows, METHODS, resamples=200))
+    told = [line for line in lines if line.startswith("**Class")]
+    assert told
+    assert all("rests on fewer than 6 drives" in line for line in told)
+    assert not any("not clear of zero" in line for line in lines)
+
+
 def test_failures_are_told_and_forbid_a_good_verdict(sweep: SweepSummary) -> None:
     rows = sweep.rows.copy()
     lost = (rows["method"] == "augmented") & (rows["drive"] == "L_3") & (rows["outage"] == 2)
