@@ -71,7 +71,7 @@ def load_error_model(path: Path) -> FittedErrorModel:
         raise LogNotFoundError(f"{path}: no such file; expected a saved error model")
     try:
         content = torch.load(path, weights_only=True)
-        about = json.loads(content["about"])
+        about = dict(json.loads(content["about"]))
         weights = content["weights"]
     except Exception as error:
         raise ConfigError(

@@ -11,6 +11,7 @@ import torch
 from navlearn.error_models.pci import PciOptions
 
 PAGE = (Path(__file__).resolve().parents[2] / "docs" / "pci.md").read_text(encoding="utf-8")
+NUMBER = re.compile(r"[+-]?\b\d+\.?\d*(?:e[+-]\d+)?\b")
 
 
 @pytest.fixture
@@ -33,8 +34,13 @@ def test_the_code_of_the_page_runs(capsys: pytest.CaptureFixture[str]) -> None:
     printed = capsys.readouterr().out
     shown = re.search(r"```text\n(.*?)```", PAGE, re.DOTALL)
     assert shown
-    for line in shown[1].splitlines():
-        assert re.sub(r"[+-]?\d.*", "", line) in printed
+    told = printed[printed.index("error[k]") :].splitlines()
+    for line, other in zip(shown[1].splitlines(), told, strict=False):
+        assert NUMBER.sub("#", line) == NUMBER.sub("#", other)
+        numbers = [float(x) for x in NUMBER.findall(line)]
+        assert numbers == pytest.approx(
+            [float(x) for x in NUMBER.findall(other)], rel=1e-2, abs=1e-6
+        )
     assert Path("predictor.pt").is_file()
     models = found["models"]
     assert isinstance(models, list)

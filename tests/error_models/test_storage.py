@@ -206,6 +206,9 @@ def test_other_files_are_refused(fitted, tmp_path):
     torch.save({"about": '{"format": "navlearn error model 9"}', "weights": {}}, tmp_path / "n.pt")
     with pytest.raises(ConfigError, match="expected 'navlearn error model 1'"):
         load_error_model(tmp_path / "n.pt")
+    torch.save({"about": "[1]", "weights": {}}, tmp_path / "list.pt")
+    with pytest.raises(ConfigError, match="not a navlearn error model"):
+        load_error_model(tmp_path / "list.pt")
     # A pickle that would run code is not run.
     torch.save(fitted, tmp_path / "pickle.pt")
     with pytest.raises(ConfigError, match="UnpicklingError"):
