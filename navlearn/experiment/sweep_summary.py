@@ -46,8 +46,7 @@ def sweep_summary(
             f"`{recipe.outages.placement}`, none before {recipe.outages.warm_up_s:g} s",
             *filter_and_training(recipe.for_drive("any", sweep.durations_s[0])),
             *_filters_of_grades(recipe),
-            "clocks: latencies are estimated on every drive from what lies before its first "
-            "outage, and removed where they are clear of zero",
+            *_clocks(recipe),
         ),
     )
 
@@ -55,8 +54,24 @@ def sweep_summary(
 def _filters_of_grades(recipe: SweepRecipe) -> tuple[str, ...]:
     """Return what the filter is told of each grade beyond what all have in common."""
     return tuple(
-        f"filter, {gyro_class(grade)}: {json.dumps(options)} as well, for every method alike"
+        f"filter, {gyro_class(grade)}: {json.dumps(options)} as well, for every filter but "
+        "those of gyro oracles"
         for grade, options in recipe.filter_by_grade.items()
+    )
+
+
+def _clocks(recipe: SweepRecipe) -> tuple[str, ...]:
+    """Return what is done to the clocks of every drive, a sentence per latency."""
+    asked = recipe.calibration
+    return tuple(
+        f"clocks: {name} is estimated on every drive from what lies before its first outage, where "
+        "its log does not state it, and removed where it is clear of zero"
+        if value == "estimate"
+        else f"clocks: {name} {float(value):+.3f} s: as the recipe says"
+        for name, value in (
+            ("gnss_latency", asked.gnss_latency),
+            ("odometer_latency", asked.odometer_latency),
+        )
     )
 
 
