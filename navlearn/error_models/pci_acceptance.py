@@ -32,7 +32,9 @@ def acceptance_threshold(
     if paper:
         return (4.0 / rows).unsqueeze(-1).expand(-1, freedom.shape[0])
     quantile = [chi_squared_quantile(k, level / ways) for k in freedom.tolist()]
-    return -torch.expm1(-torch.tensor(quantile, dtype=torch.float64) / rows.unsqueeze(-1))
+    share = -torch.expm1(-torch.tensor(quantile, dtype=torch.float64) / rows.unsqueeze(-1))
+    # As many taps and powers as rows explain anything.
+    return torch.where(rows.unsqueeze(-1) > freedom + 1.0, share, torch.inf)
 
 
 @lru_cache(maxsize=4096)

@@ -38,8 +38,11 @@ class RidgeOptions:
         for name in ("inputs", "factors"):
             if getattr(self, name) < 1:
                 raise ConfigError(f"ridge: {name} is {getattr(self, name)}; expected at least 1")
-        if not self.output_limit > 0.0:
-            raise ConfigError(f"ridge: output_limit is {self.output_limit}; it must be positive")
+        if not 0.0 < self.output_limit < math.inf:
+            raise ConfigError(
+                f"ridge: output_limit is {self.output_limit}; it must be positive and finite "
+                "(safeguard=False takes the limit away)"
+            )
 
 
 def term_values(u: Tensor, form: Tensor, magnitude: Tensor) -> Tensor:

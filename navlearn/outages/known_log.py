@@ -7,6 +7,7 @@ the outage it gets no more than the others.
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import pandas as pd
 
@@ -26,7 +27,8 @@ def known_log(log: DriveLog, outage: Outage, *, after: float = 0.0) -> DriveLog:
 
     Returns:
         The log without fixes from the outage's start, but for those between its end and
-        ``after`` later; without sensor samples after that; without reference.
+        ``after`` later; without sensor samples after that; without reference, and without what
+        the metadata tell beside their own fields, such as the errors of a synthetic gyro.
     """
     last = outage.end + after
     known = replace(
@@ -34,12 +36,18 @@ def known_log(log: DriveLog, outage: Outage, *, after: float = 0.0) -> DriveLog:
         imu=_until(log.imu, last),
         odometer=_until(log.odometer, last),
         reference=None,
+        metadata=replace(log.metadata, extra=_names_of_files(log)),
     )
     if after == 0.0:
         return known
     t = log.fixes["t"]
     seen = (t < outage.start) | ((t >= outage.end) & (t <= last))
     return replace(known, fixes=log.fixes[seen])
+
+
+def _names_of_files(log: DriveLog) -> dict[str, Any]:
+    """Return what messages need of a log's further metadata."""
+    return {name: value for name, value in log.metadata.extra.items() if name == "files"}
 
 
 def sees_after(method: object) -> float:

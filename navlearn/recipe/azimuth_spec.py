@@ -66,8 +66,6 @@ class AzimuthSpec(SpecBase):
     def _as_in_the_paper(cls, content: Any) -> Any:
         if not isinstance(content, dict):
             return content
-        if isinstance(content.get("safeguard"), dict):
-            content = {**content, "safeguard": {"gate_margin": MARGIN, **content["safeguard"]}}
         return {**IQBAL2020, **content} if content.get("structure") == "pci" else content
 
     @model_validator(mode="after")

@@ -2,9 +2,9 @@
 
 import re
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, model_validator
 
 from navlearn.logs.nearest import nearest_hint
 from navlearn.recipe.strict import Section
@@ -74,6 +74,15 @@ class SpecBase(Section):
     safeguard: SafeguardSpec = SafeguardSpec()
     question: str = ""
     notes: str = ""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _rest_of_the_safeguard(cls, content: Any) -> Any:
+        """Let a safeguard that is stated in part keep what its kind of model has for the rest."""
+        if not isinstance(content, dict) or not isinstance(content.get("safeguard"), dict):
+            return content
+        own = cls.model_fields["safeguard"].default.model_dump()
+        return {**content, "safeguard": {**own, **content["safeguard"]}}
 
     def describe(self) -> str:
         """Return what the method of this model does, in a sentence for the report."""

@@ -17,6 +17,7 @@ from navlearn.learning.options import TrainingOptions
 from navlearn.outages.schedule import OutageProtocol
 from navlearn.recipe import AnarxSpec, Recipe, load_recipe, load_spec, recipe_for
 from navlearn.recipe.sections import OutageSection
+from navlearn.recipe.spec import BUILT_IN
 
 LEAST = "name: small\nlog: {path: drive, format: csv}\n"
 
@@ -282,3 +283,12 @@ def test_any_text_loads_or_is_refused(tmp_path_factory: pytest.TempPathFactory, 
     path.write_bytes(text.encode("utf-8", "surrogatepass"))
     with pytest.raises(NavlearnError):
         load_recipe(path)
+
+
+@pytest.mark.parametrize("name", sorted(BUILT_IN))
+def test_a_safeguard_stated_in_part_keeps_the_rest_of_its_kind(name: str) -> None:
+    spec = BUILT_IN[name]
+    kind, own = type(spec), type(spec).model_fields["safeguard"].default
+    content = {**spec.model_dump(exclude={"safeguard"}), "safeguard": {"gate_fewest": 7}}
+    made = kind.model_validate(content).safeguard
+    assert made == own.model_copy(update={"gate_fewest": 7})
