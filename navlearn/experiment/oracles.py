@@ -140,13 +140,19 @@ def told(base: EkfOptions, noise: GyroNoise) -> EkfOptions:
         base: The honest filter.
         noise: Of the gyro.
     """
+    own = base.noise
     quiet = replace(
-        base.noise,
-        gyro_random_walk=noise.random_walk,
-        gyro_bias_walk=noise.drift,
-        turn_noise=TURN_NOISE,
+        own,
+        gyro_random_walk=_floored(noise.random_walk, LEAST_WALK, own.gyro_random_walk),
+        gyro_bias_walk=_floored(noise.drift, LEAST_DRIFT, own.gyro_bias_walk),
+        turn_noise=min(TURN_NOISE, own.turn_noise),
     )
     return replace(base, noise=quiet)
+
+
+def _floored(measured: float, floor: float, honest: float) -> float:
+    """Return a noise that the floor does not lift above what the honest filter assumes."""
+    return measured if measured > floor else min(floor, honest)
 
 
 class GyroOracle:
