@@ -13,6 +13,7 @@ from navlearn.experiment.correction import (
     regressors_through,
     without_predicted_position_error,
 )
+from navlearn.experiment.gate_notes import gate_notes
 from navlearn.experiment.learned import Learned, adopt, learn
 from navlearn.logs.drive_log import DriveLog
 from navlearn.navigator import Navigator, NavigatorRun, belief_at
@@ -136,21 +137,8 @@ def _joined(whole: Trajectory, later: Trajectory, at: int) -> Trajectory:
 def _notes(learned: Learned, spec: AnarxSpec, u: Tensor) -> dict[str, object]:
     verdict, record = learned.verdict, learned.fitted.record
     model = learned.fitted.model
-    found = (
-        f"{100.0 * verdict.improvement:+.1f} % on {verdict.replays} emulated outages"
-        if verdict.replays
-        else "no emulated outage to judge by"
-    )
-    asked = (
-        f"{100.0 * verdict.margin:g} % on at least {spec.safeguard.gate_fewest} asked for"
-        if spec.safeguard.gate
-        else "not asked for: the spec switches the gate off"
-    )
     notes: dict[str, object] = {
-        "used": verdict.use,
-        "reason": f"rolling-origin gate: {found}, {asked}",
-        "gate_improvement_percent": 100.0 * verdict.improvement,
-        "gate_replays": verdict.replays,
+        **gate_notes(verdict, spec.safeguard, used=verdict.use),
         "iterations": record.iterations,
         "train_loss": record.train_loss,
         "valid_loss": learned.trial.valid_loss,

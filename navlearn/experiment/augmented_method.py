@@ -13,6 +13,7 @@ from navlearn.errors import FilterDivergedError, FitError
 from navlearn.experiment.anarx_method import last_fix
 from navlearn.experiment.augmented_filter import AugmentedRun, augmented_run
 from navlearn.experiment.baselines import FilterRuns, believed, believed_table
+from navlearn.experiment.gate_notes import gate_notes
 from navlearn.experiment.gyro_parameters import readable, readable_parameters
 from navlearn.frames import enu_between
 from navlearn.learning.pseudo_outages import PseudoOutageOptions, PseudoOutages, emulate_outages
@@ -57,7 +58,7 @@ class AugmentedMethod:
         used = verdict.use or not self.spec.safeguard.gate
         if used:
             solution = augmented.solution(block)
-        notes = gate_notes(verdict, self.spec, used=used)
+        notes = gate_notes(verdict, self.spec.safeguard, used=used)
         notes["parameters"] = _parameters(augmented, block)
         return Solution(table=believed_table(t, solution, outage), notes=notes)
 
@@ -154,29 +155,3 @@ def largest_error(path: Trajectory, reference: Trajectory) -> Tensor:
     """
     east, north, _ = enu_between(*path[:3], *reference[:3])
     return torch.hypot(east, north).amax(-1)
-
-
-def gate_notes(verdict: GateVerdict, spec: AugmentedSpec, *, used: bool) -> dict[str, object]:
-    """Return what the gate found, as notes of a solution.
-
-    Args:
-        verdict: Of the gate.
-        spec: The model.
-        used: Whether the model acts.
-    """
-    found = (
-        f"{100.0 * verdict.improvement:+.1f} % on {verdict.replays} emulated outages"
-        if verdict.replays
-        else "no emulated outage to judge by"
-    )
-    asked = (
-        f"{100.0 * verdict.margin:g} % on at least {spec.safeguard.gate_fewest} asked for"
-        if spec.safeguard.gate
-        else "not asked for: the spec switches the gate off"
-    )
-    return {
-        "used": used,
-        "reason": f"rolling-origin gate: {found}, {asked}",
-        "gate_improvement_percent": 100.0 * verdict.improvement,
-        "gate_replays": verdict.replays,
-    }

@@ -27,6 +27,7 @@ from navlearn.experiment.baselines import (
     believed_table,
 )
 from navlearn.experiment.feed_forward import FeedForward, Stretch, run_feed_forward
+from navlearn.experiment.gate_notes import gate_notes
 from navlearn.experiment.learned import Learned
 from navlearn.learning.pseudo_outages import PseudoOutages
 from navlearn.logs.drive_log import DriveLog
@@ -184,22 +185,16 @@ def _joined(plain: Believed, run: FeedForward, path: Trajectory) -> Believed:
 
 
 def _notes(spec: AzimuthSpec, learned: AzimuthModel, verdict: GateVerdict) -> dict[str, object]:
-    found = (
-        f"{100.0 * verdict.improvement:+.1f} % on {verdict.replays} emulated outages"
-        if verdict.replays
-        else "no emulated outage to judge by"
-    )
-    reason = (
-        f"rolling-origin gate: {found}, {100.0 * verdict.margin:g} % on at least "
-        f"{spec.safeguard.gate_fewest} asked for"
-        if spec.safeguard.gate
-        else "no gate: the spec switches it off, as the paper has none"
-    )
+    judged = gate_notes(verdict, spec.safeguard, used=verdict.use)
+    if not spec.safeguard.gate:
+        judged = {
+            "used": verdict.use,
+            "reason": "no gate: the spec switches it off, as the paper has none",
+        }
     unit = "deg" if spec.target == "angle" else "deg_per_step"
     notes: dict[str, object] = {
-        "used": verdict.use,
+        **judged,
         "fitted": True,
-        "reason": reason,
         "filter_model": spec.filter,
         "terms" if spec.structure == "fos" else "cascades": learned.size,
         "training_rows": learned.fitted.record.samples,
@@ -208,9 +203,6 @@ def _notes(spec: AzimuthSpec, learned: AzimuthModel, verdict: GateVerdict) -> di
         "inputs_outside_training": learned.outside,
         "largest_correction_deg": math.degrees(float(learned.residual.abs().max())),
     }
-    if spec.safeguard.gate:
-        notes["gate_improvement_percent"] = 100.0 * verdict.improvement
-        notes["gate_replays"] = verdict.replays
     model = learned.fitted.model
     if isinstance(model, FosModel):
         notes["equation"] = model.equation(learned.fitted.record.source.inputs, spec.target)

@@ -17,6 +17,7 @@ from navlearn.errors import FitError
 from navlearn.experiment.anarx_method import last_fix
 from navlearn.experiment.baselines import Believed, FilterRuns, believed, believed_table
 from navlearn.experiment.corrected_filter import Stretch, filter_stretches, without_batch
+from navlearn.experiment.gate_notes import gate_notes
 from navlearn.experiment.gyro_gate import errors_at_origins, past_origins, rate_error, restarted
 from navlearn.experiment.learned import Learned
 from navlearn.filters.belief import map_belief
@@ -151,24 +152,13 @@ class PseudoOutageMethod:
         if len(through.dt):
             u = averaged_channels(through, past.inputs, past.block)
             outside = int(model.count_clamped(u).sum())
-        found = (
-            f"{100.0 * verdict.improvement:+.1f} % on {verdict.replays} emulated outages"
-            if verdict.replays
-            else "no emulated outage to judge by"
-        )
-        asked = (
-            f"{100.0 * verdict.margin:g} % on at least {safeguard.gate_fewest} asked for"
-            if safeguard.gate
-            else "not asked for: the spec switches the gate off"
-        )
-        reason = f"rolling-origin gate: {found}, {asked}"
+        notes = gate_notes(verdict, safeguard, used=verdict.use)
         if not fit.fitted.options.terms:
-            reason = f"{STRUCTURES[self.spec.structure]}: none was found in this drive so far"
+            notes["reason"] = (
+                f"{STRUCTURES[self.spec.structure]}: none was found in this drive so far"
+            )
         return {
-            "used": verdict.use,
-            "reason": reason,
-            "gate_improvement_percent": 100.0 * verdict.improvement,
-            "gate_replays": verdict.replays,
+            **notes,
             "coefficients": model.readable_coefficients(),
             "inputs_outside_training": outside,
             "rows": fit.fitted.record.samples,
