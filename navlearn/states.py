@@ -50,6 +50,47 @@ class RissSample(NamedTuple):
     stationary: Tensor
 
 
+class InsState(NamedTuple):
+    """Position, velocity and attitude of a car with a full IMU.
+
+    Shape (...) for a state, (..., T) for a solution at the end of every interval; vectors have
+    their axis last.
+
+    Attributes:
+        lat: Geodetic latitude, rad.
+        lon: Longitude, rad.
+        height: Height above the ellipsoid, m.
+        v_l: Velocity against the Earth, east, north, up, m/s, shape (..., 3).
+        q_lb: Scalar-first unit quaternion that turns body into local level, shape (..., 4).
+    """
+
+    lat: Tensor
+    lon: Tensor
+    height: Tensor
+    v_l: Tensor
+    q_lb: Tensor
+
+
+class ImuSample(NamedTuple):
+    """What a full IMU and an odometer told over intervals; shape (...) or (..., T) each.
+
+    Attributes:
+        dt: Length of the interval, s; zero marks padding and moves nothing.
+        omega_ib_b: Mean angular rate of the body against inertial space, rad/s, shape (..., 3).
+        f_b: Mean specific force, m/s², shape (..., 3).
+        speed: Mean odometer speed along the forward axis, m/s.
+        has_speed: 1.0 where the odometer told a speed, else 0.0.
+        stationary: 1.0 where the car stands still through the interval, else 0.0.
+    """
+
+    dt: Tensor
+    omega_ib_b: Tensor
+    f_b: Tensor
+    speed: Tensor
+    has_speed: Tensor
+    stationary: Tensor
+
+
 class GnssFix(NamedTuple):
     """GNSS solutions, shape (...) or (..., M) each; what is not valid may hold any finite value.
 

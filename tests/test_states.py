@@ -2,7 +2,15 @@
 
 import torch
 
-from navlearn.states import FixTiming, GnssFix, NavState, RissSample, Trajectory
+from navlearn.states import (
+    FixTiming,
+    GnssFix,
+    ImuSample,
+    InsState,
+    NavState,
+    RissSample,
+    Trajectory,
+)
 
 
 def _fill(kind, shape):
@@ -33,3 +41,15 @@ def test_states_are_pytrees_to_vmap():
 
 def test_a_trajectory_starts_with_the_fields_of_a_state():
     assert Trajectory._fields[:4] == NavState._fields
+
+
+@torch.jit.script
+def _moved(state: InsState, sample: ImuSample) -> InsState:
+    return InsState(
+        state.lat, state.lon, state.height, state.v_l + sample.f_b * sample.dt, state.q_lb
+    )
+
+
+def test_a_full_imu_travels_through_a_scripted_function():
+    found = _moved(_fill(InsState, (3,)), _fill(ImuSample, (3,))._replace(dt=torch.tensor(0.5)))
+    assert found.v_l.tolist() == [3.0 + 2.0 * 0.5] * 3
