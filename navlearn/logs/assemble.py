@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+import numpy as np
 import pandas as pd
 
 from navlearn.errors import LogError
@@ -42,6 +43,9 @@ class Published:
 def assemble(published: Published, descriptor: Descriptor) -> DriveLog:
     """Return a checked drive log in the package's frames, units and time.
 
+    Where a reader found no odometer the log's table is empty: a full IMU can do without. Fixes
+    are empty where there are none but a reference, which they can be made from.
+
     Args:
         published: Tables as a reader found them.
         descriptor: What is known beside the files.
@@ -54,13 +58,9 @@ def assemble(published: Published, descriptor: Descriptor) -> DriveLog:
         name: as_numbers(published.files.get(name, name), table)
         for name, table in published.tables.items()
     }
-    for name in ("imu", "odometer", "fixes"):
-        if name not in tables:
-            found = ", ".join(tables) or "none"
-            raise LogError(
-                f"{published.source}: no table {name}, which every drive log needs (found: "
-                f"{found}); it has the columns t, {', '.join(REQUIRED[name])}"
-            )
+    _require_tables(published, tables)
+    for name in ("odometer", "fixes"):
+        tables.setdefault(name, without_rows(name))
     if descriptor.on_backstep == "drop":
         tables = {name: without_backsteps(table) for name, table in tables.items()}
     tables["imu"] = turned(tables["imu"], descriptor.body_from_sensor(published.axes))
@@ -84,6 +84,15 @@ def assemble(published: Published, descriptor: Descriptor) -> DriveLog:
     return from_first_sample(without_latency(validate_log(log)))
 
 
+def without_rows(name: str) -> pd.DataFrame:
+    """Return the table of a sensor that a drive lacks: its required columns and no rows.
+
+    Args:
+        name: Canonical name of the table.
+    """
+    return pd.DataFrame(columns=["t", *REQUIRED[name]], dtype=np.float64)
+
+
 def without_empty_fixes(fixes: pd.DataFrame) -> pd.DataFrame:
     """Return the fixes that hold a position or a velocity: a receiver without a fix says nothing.
 
@@ -96,6 +105,20 @@ def without_empty_fixes(fixes: pd.DataFrame) -> pd.DataFrame:
     if {"v_e", "v_n"} <= set(fixes):
         empty &= fixes["v_e"].isna() | fixes["v_n"].isna()
     return fixes[~empty].reset_index(drop=True)
+
+
+def _require_tables(published: Published, tables: Mapping[str, pd.DataFrame]) -> None:
+    found = ", ".join(tables) or "none"
+    if "imu" not in tables:
+        raise LogError(
+            f"{published.source}: no table imu, which every drive log needs (found: {found}); it "
+            f"has the columns t, {', '.join(REQUIRED['imu'])}"
+        )
+    if "fixes" not in tables and "reference" not in tables:
+        raise LogError(
+            f"{published.source}: neither a table fixes nor a table reference (found: {found}); a "
+            "drive needs GNSS fixes, or a reference that they can be made from"
+        )
 
 
 def _ellipsoidal(fixes: pd.DataFrame, geoid_height: float) -> pd.DataFrame:

@@ -26,6 +26,9 @@ FASTEST_TURN: Final = 3.5
 def validate_log(log: DriveLog) -> DriveLog:
     """Return the log, all columns float64, or refuse it.
 
+    A car need not have an odometer, nor fixes of its own where there is a reference: then the
+    table has its columns, but neither rows nor a file.
+
     Args:
         log: Drive to check.
 
@@ -69,7 +72,7 @@ def as_numbers(where: str, table: pd.DataFrame) -> pd.DataFrame:
 def _checked_table(log: DriveLog, name: str) -> pd.DataFrame:
     where, table = label(log, name), log.tables()[name]
     _require_columns(where, name, table)
-    if len(table) < (1 if name == "fixes" else 2):
+    if len(table) < _fewest_rows(log, name):
         raise LogError(
             f"{where}: found {len(table)} rows; a drive needs samples there; check that the file "
             "was written to its end"
@@ -80,6 +83,14 @@ def _checked_table(log: DriveLog, name: str) -> pd.DataFrame:
         _require_finite(where, name, column, numbers)
     _refuse_wrong_units(where, name, numbers)
     return numbers
+
+
+def _fewest_rows(log: DriveLog, name: str) -> int:
+    dispensable = name == "odometer" or (name == "fixes" and log.reference is not None)
+    if dispensable and log.tables()[name].empty:
+        files = log.metadata.extra.get("files")
+        return 1 if isinstance(files, dict) and name in files else 0
+    return 1 if name == "fixes" else 2
 
 
 def _require_columns(where: str, name: str, table: pd.DataFrame) -> None:

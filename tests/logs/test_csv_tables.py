@@ -160,9 +160,25 @@ def test_rows_without_a_fix_are_left_out(tmp_path, tables):
 
 
 def test_a_missing_table(tmp_path, tables):
-    del tables["odometer"]
-    with pytest.raises(LogNotFoundError, match=r"no table odometer \(looked for odometer.csv or"):
+    del tables["fixes"], tables["reference"]
+    message = r"no table fixes \(looked for fixes.csv or.*gnss.csv"
+    with pytest.raises(LogNotFoundError, match=message):
         read_log(write(tmp_path / "log", tables))
+
+
+def test_a_car_without_odometer_and_a_reference_without_fixes(tmp_path, tables):
+    none = {name: tables[name] for name in ("imu", "reference")}
+    log = read_log(write(tmp_path / "log", none))
+    assert list(log.odometer) == ["t", "speed"]
+    assert len(log.odometer) == len(log.fixes) == 0
+    tables["odometer"].iloc[:0].to_csv(tmp_path / "log" / "odometer.csv", index=False)
+    with pytest.raises(LogError, match=r"odometer.csv: found 0 rows"):
+        read_log(tmp_path / "log")
+    (tmp_path / "log" / "odometer.csv").unlink()
+    (tmp_path / "log" / "reference.csv").unlink()
+    layout = {"imu": {"file": "imu.csv"}}
+    with pytest.raises(LogError, match=r"neither a table fixes nor a table reference"):
+        read_log(described(tmp_path, tables=layout))
 
 
 def test_a_missing_file_of_a_descriptor(tmp_path, tables):

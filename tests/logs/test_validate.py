@@ -32,10 +32,27 @@ def test_missing_time(make_log, tables):
         validate_log(make_log(imu=tables["imu"].drop(columns="t")))
 
 
-@pytest.mark.parametrize("name", ["imu", "odometer", "fixes"])
+@pytest.mark.parametrize("name", ["imu", "reference"])
 def test_empty_table(make_log, tables, name):
     with pytest.raises(LogError, match=rf"{name}: found 0 rows"):
         validate_log(make_log(**{name: tables[name].iloc[:0]}))
+
+
+def test_fixes_may_be_lacking_where_a_reference_can_stand_in(make_log, tables):
+    none = tables["fixes"].iloc[:0]
+    assert validate_log(make_log(fixes=none)).fixes.empty
+    with pytest.raises(LogError, match="fixes: found 0 rows"):
+        validate_log(make_log(fixes=none, reference=None))
+
+
+def test_a_car_without_odometer_is_sound_but_an_empty_file_is_not(make_log, tables):
+    none = tables["odometer"].iloc[:0]
+    assert validate_log(make_log(odometer=none)).odometer.empty
+    known = LogMetadata(name="small", extra={"files": {"odometer": "odometer.csv"}})
+    with pytest.raises(LogError, match=r"odometer.csv: found 0 rows"):
+        validate_log(make_log(odometer=none, metadata=known))
+    with pytest.raises(LogError, match=r"odometer: found 1 rows"):
+        validate_log(make_log(odometer=tables["odometer"].iloc[:1]))
 
 
 def test_nan_block_names_row_time_and_length(make_log, tables):

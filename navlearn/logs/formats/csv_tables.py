@@ -102,8 +102,9 @@ def read_frame(path: Path) -> pd.DataFrame:
 
 def _usual_tables(folder: Path) -> dict[str, Table]:
     found = {name: table_file(folder, name) for name in TABLES}
-    for name in ("imu", "odometer", "fixes"):
-        if found[name] is None:
+    for name in ("imu", "fixes"):
+        # Fixes can be made from a reference; a full IMU does without an odometer.
+        if found[name] is None and (name == "imu" or found["reference"] is None):
             stems = " or ".join(f"{stem}{ending}" for stem in STEMS[name] for ending in ENDINGS)
             raise LogNotFoundError(
                 f"{folder}: no table {name} (looked for {stems}); found {listing(folder)}"

@@ -1,5 +1,7 @@
 """Whether time runs as it should: rates, jitter, gaps, missing samples, steps back."""
 
+from typing import Final
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,6 +12,21 @@ from navlearn.logs.quality.signals import Array, column, in_order, median_interv
 _LONG = {"imu": (1.0, 10.0), "odometer": (3.0, 30.0), "fixes": (10.0, float("inf"))}
 """Gap that earns a warning and one that ruins a result, s; a reference may pause."""
 
+_EMPTY: Final[dict[str, tuple[Severity, str, str]]] = {
+    "imu": ("error", "inertial samples", "check the reader's file and column names"),
+    "odometer": (
+        "info",
+        "samples of speed, for dead reckoning with one gyro",
+        "use methods of the full IMU, or make an odometer from a reference",
+    ),
+    "fixes": (
+        "warning",
+        "GNSS solutions",
+        "make them from the reference (log.aiding of a recipe), or add a file of fixes",
+    ),
+    "reference": ("warning", "a better solution to judge with", "judge with the fixes"),
+}
+
 
 def check_timing(log: DriveLog) -> Part:
     """Check the times of every table as they were read."""
@@ -17,15 +34,8 @@ def check_timing(log: DriveLog) -> Part:
     for name, table in log.tables().items():
         t = column(table, "t")
         if len(table) == 0:
-            if name == "imu":
-                part.add(
-                    "error",
-                    "empty table",
-                    name,
-                    "no rows",
-                    "inertial samples",
-                    "check the reader's file and column names",
-                )
+            severity, expected, remedy = _EMPTY[name]
+            part.add(severity, "empty table", name, "no rows", expected, remedy)
             continue
         _check_order(part, name, t)
         _measure(part, name, column(in_order(table), "t"))
