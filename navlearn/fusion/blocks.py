@@ -6,13 +6,15 @@ what they say. Blocks of a batch are padded to common number and length with int
 length, which move nothing.
 """
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from navlearn.states import RissSample
+from navlearn.states import ImuSample, RissSample
+
+Sample = TypeVar("Sample", RissSample, ImuSample)
 
 
 class Blocks(NamedTuple):
@@ -122,26 +124,36 @@ def gathered(channel: Tensor, index: Tensor) -> Tensor:
     """Return a channel at given samples.
 
     Args:
-        channel: Shape (B, T).
+        channel: Shape (B, T), or (B, T, 3) for a vector.
         index: Samples, int64, shape (B, ...).
 
     Returns:
-        Shape (B, ...).
+        Shape (B, ...), or (B, ..., 3).
     """
-    return torch.gather(channel, 1, index.flatten(1)).view(index.shape)
+    flat = index.flatten(1)
+    if channel.dim() == 2:
+        return torch.gather(channel, 1, flat).view(index.shape)
+    axes = channel.shape[2:]
+    wide = flat.unsqueeze(-1).expand(*flat.shape, *axes)
+    return torch.gather(channel, 1, wide).view(*index.shape, *axes)
 
 
-def samples_in_blocks(samples: RissSample, blocks: Blocks) -> RissSample:
+def samples_in_blocks(samples: Sample, blocks: Blocks) -> Sample:
     """Return samples laid out in blocks; padding has zero length and its neighbour's values.
 
     Args:
-        samples: Shape (B, T) each.
+        samples: Shape (B, T) each, vectors (B, T, 3).
         blocks: Blocks of them.
 
     Returns:
-        Shape (B, K, n) each.
+        Shape (B, K, n) each, vectors (B, K, n, 3).
     """
-    if blocks.even:
-        return RissSample(*(channel.reshape(blocks.gather.shape) for channel in samples))
-    laid = RissSample(*(gathered(channel, blocks.gather) for channel in samples))
-    return laid._replace(dt=laid.dt * blocks.used)
+    shape = blocks.gather.shape
+
+    def laid(channel: Tensor) -> Tensor:
+        if blocks.even:
+            return channel.reshape(*shape, *channel.shape[2:])
+        return gathered(channel, blocks.gather)
+
+    found = type(samples)(*map(laid, samples))
+    return found if blocks.even else found._replace(dt=found.dt * blocks.used)

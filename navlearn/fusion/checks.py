@@ -1,6 +1,8 @@
 """What is refused at the filter's door, and what is said about a run that went wrong."""
 
 import warnings
+from collections.abc import Mapping
+from enum import IntEnum
 
 import torch
 from torch import Tensor
@@ -8,10 +10,12 @@ from torch import Tensor
 from navlearn.errors import FilterDivergedError, LogError, ShapeError
 from navlearn.filters.belief import Belief
 from navlearn.filters.consistency import chi_square_quantile
+from navlearn.filters.ins_belief import InsBelief
 from navlearn.fusion.filter_model import FilterModel
+from navlearn.fusion.gating import Gated
 from navlearn.fusion.history import FilterHistory
 from navlearn.fusion.measurements import Kind, Verdict
-from navlearn.states import FixTiming, GnssFix, RissSample
+from navlearn.states import FixTiming, GnssFix, ImuSample, RissSample
 
 WARN_REFUSED = 0.5
 """Share of refused measurements of one kind above which a run is warned about."""
@@ -25,7 +29,7 @@ WARN_NIS = 5.0
 Too small an NIS is no ill health: noise-free simulation and sensors better than stated have one.
 """
 
-NOISE_BEHIND = {
+NOISE_BEHIND: dict[IntEnum, str] = {
     Kind.POSITION: "position_inflation, position_floor or height_floor",
     Kind.VELOCITY: "velocity_inflation, velocity_floor or speed_noise",
     Kind.COURSE: "velocity_inflation or velocity_floor",
@@ -53,13 +57,28 @@ def check_inputs(
         FilterDivergedError: If the start's covariance is not finite and positive.
     """
     _check_shapes(model, start, samples, fixes, timing)
+    check_channels(samples, fixes, timing)
+    check_covariance(start.covariance)
+
+
+def check_channels(samples: RissSample | ImuSample, fixes: GnssFix, timing: FixTiming) -> None:
+    """Refuse samples and fixes that are not finite, and fixes out of order or range.
+
+    Args:
+        samples: Samples, shape (B, T) each, vectors (B, T, 3).
+        fixes: Fixes, shape (B, M) each.
+        timing: Where they fall, shape (B, M) each.
+
+    Raises:
+        LogError: If that is so.
+    """
     for name, channel in zip(samples._fields, samples, strict=True):
         bad = ~torch.isfinite(channel)
         if bool(bad.any()):
-            row, k = bad.nonzero()[0].tolist()
+            at = bad.nonzero()[0].tolist()
             raise LogError(
-                f"filter: samples.{name} of drive {row} is {float(channel[row, k])} at sample {k}; "
-                "expected finite values: fill or cut the gap before filtering"
+                f"filter: samples.{name} of drive {at[0]} is {float(channel[tuple(at)])} at sample "
+                f"{at[1]}; expected finite values: fill or cut the gap before filtering"
             )
     for name, channel in zip(fixes._fields, fixes, strict=True):
         bad = ~torch.isfinite(channel)
@@ -80,7 +99,18 @@ def check_inputs(
             f"{int(latest[row, max(k - 1, 0)])}; expected sample numbers below "
             f"{samples.dt.shape[1]} that do not decrease: sort the fixes by time"
         )
-    variance = start.covariance.detach().diagonal(dim1=-2, dim2=-1)
+
+
+def check_covariance(covariance: Tensor) -> None:
+    """Refuse a covariance to start with whose variances are not finite and positive.
+
+    Args:
+        covariance: Shape (B, n, n).
+
+    Raises:
+        FilterDivergedError: If that is so.
+    """
+    variance = covariance.detach().diagonal(dim1=-2, dim2=-1)
     if not bool((torch.isfinite(variance) & (variance > 0.0)).all()):
         raise FilterDivergedError(
             f"filter: the start's variances are {variance.tolist()}; expected finite values above "
@@ -103,11 +133,23 @@ def _check_shapes(
     expected += [(f"start.state.{k}", x, (batch,)) for k, x in start.state._asdict().items()]
     expected += [(f"samples.{k}", x, tuple(samples.dt.shape)) for k, x in samples._asdict().items()]
     expected += [(f"fixes.{k}", x, tuple(timing.index.shape)) for k, x in fixes._asdict().items()]
+    check_shapes(expected, f"{batch} drives and error states {', '.join(model.layout.names)}")
+
+
+def check_shapes(expected: list[tuple[str, Tensor, tuple[int, ...]]], what: str) -> None:
+    """Refuse tensors of wrong shape or type.
+
+    Args:
+        expected: Name, tensor and expected shape of each.
+        what: What the shapes are for, for the message.
+
+    Raises:
+        ShapeError: If a tensor has the wrong shape or is not float64.
+    """
     for name, tensor, shape in expected:
         if tuple(tensor.shape) != shape:
             raise ShapeError(
-                f"filter: {name} has shape {tuple(tensor.shape)}; expected {shape} for "
-                f"{batch} drives and error states {', '.join(model.layout.names)}"
+                f"filter: {name} has shape {tuple(tensor.shape)}; expected {shape} for {what}"
             )
         if tensor.dtype != torch.float64:
             raise ShapeError(f"filter: {name} is {tensor.dtype}; expected float64: use .double()")
@@ -124,16 +166,35 @@ def check_history(model: FilterModel, history: FilterHistory, samples: RissSampl
     Raises:
         FilterDivergedError: If a state or variance is not finite, or a variance not positive.
     """
-    variance = history.belief.covariance.detach().diagonal(dim1=-2, dim2=-1)
+    check_beliefs(model.layout.names, history.belief, history.end, samples.dt)
+    warn_of_refusals(model, history.verdict)
+    warn_of_noise(model, history.nis, NOISE_BEHIND, "NoiseOptions")
+
+
+def check_beliefs(
+    names: tuple[str, ...], belief: Belief | InsBelief, end: Tensor, dt: Tensor
+) -> None:
+    """Refuse a run that lost its covariance or its state.
+
+    Args:
+        names: Names of the error states.
+        belief: Beliefs at the ends of blocks, batch shape (B, K).
+        end: Last sample of each block, int64, shape (B, K).
+        dt: Lengths of the intervals, s, shape (B, T).
+
+    Raises:
+        FilterDivergedError: If a state or variance is not finite, or a variance not positive.
+    """
+    variance = belief.covariance.detach().diagonal(dim1=-2, dim2=-1)
     fine = (torch.isfinite(variance) & (variance > 0.0)).all(-1)
-    for value in history.belief.state:
-        fine = fine & torch.isfinite(value.detach())
+    for value in belief.state:
+        fine = fine & torch.isfinite(value.detach()).reshape(*fine.shape, -1).all(-1)
     if not bool(fine.all()):
         row, k = (~fine).nonzero()[0].tolist()
-        time = float(samples.dt[row, : int(history.end[row, k]) + 1].sum())
+        time = float(dt[row, : int(end[row, k]) + 1].sum())
         wrong = [
             name
-            for name, v in zip(model.layout.names, variance[row, k].tolist(), strict=True)
+            for name, v in zip(names, variance[row, k].tolist(), strict=True)
             if not 0.0 < v < float("inf")
         ]
         raise FilterDivergedError(
@@ -141,14 +202,18 @@ def check_history(model: FilterModel, history: FilterHistory, samples: RissSampl
             f"positive: {', '.join(wrong) or 'none; the state is not finite'}); check the noise "
             "densities, the units of samples and fixes, and the starting belief"
         )
-    _warn_of_refusals(model, history)
-    _warn_of_noise(model, history)
 
 
 # texts without figures: Python tells the same text once, however many stretches are replayed
-def _warn_of_refusals(model: FilterModel, history: FilterHistory) -> None:
+def warn_of_refusals(model: Gated, verdicts: Tensor) -> None:
+    """Warn where the gate refuses most measurements of a kind.
+
+    Args:
+        model: The filter's rows.
+        verdicts: Codes of :class:`navlearn.fusion.measurements.Verdict`, shape (..., kinds).
+    """
     for kind in model.rows.kinds:
-        verdict = history.verdict[..., kind]
+        verdict = verdicts[..., kind]
         seen = int((verdict != int(Verdict.ABSENT)).sum())
         refused = int((verdict == int(Verdict.REFUSED_BY_GATE)).sum())
         if seen >= WARN_AT_LEAST and refused > WARN_REFUSED * seen:
@@ -161,9 +226,19 @@ def _warn_of_refusals(model: FilterModel, history: FilterHistory) -> None:
             )
 
 
-def _warn_of_noise(model: FilterModel, history: FilterHistory) -> None:
+def warn_of_noise(
+    model: Gated, squares: Tensor, advice: Mapping[IntEnum, str], options: str
+) -> None:
+    """Warn where innovations are far larger than their noise foretells.
+
+    Args:
+        model: The filter's rows.
+        squares: NIS, NaN where nothing is measured, shape (..., kinds).
+        advice: Noise to change, per kind.
+        options: Class of options that it belongs to.
+    """
     for kind, degrees in zip(model.rows.kinds, model.rows.count, strict=True):
-        nis = history.nis[..., kind].detach()
+        nis = squares[..., kind].detach()
         nis = nis[torch.isfinite(nis)]
         if len(nis) < WARN_AT_LEAST:
             continue
@@ -171,8 +246,7 @@ def _warn_of_noise(model: FilterModel, history: FilterHistory) -> None:
         if float(nis.median()) > WARN_NIS * chi_square_quantile(0.5, degrees):
             warnings.warn(
                 f"filter: half of the innovations of kind {kind.name.lower()} have an NIS above "
-                f"{WARN_NIS:g} times what their noise foretells; raise {NOISE_BEHIND[kind]} in "
-                "NoiseOptions",
+                f"{WARN_NIS:g} times what their noise foretells; raise {advice[kind]} in {options}",
                 UserWarning,
                 stacklevel=4,
             )

@@ -20,7 +20,7 @@ from navlearn.fusion.error_state import (
 from navlearn.fusion.ground_velocity import BlockEnd, odometry
 from navlearn.fusion.measurements import Rows, measurement_rows
 from navlearn.fusion.noise import EkfNoise
-from navlearn.fusion.options import EkfOptions
+from navlearn.fusion.options import EkfOptions, GateOptions
 from navlearn.fusion.sensor_errors import SensorErrors, advanced, sensor_errors
 from navlearn.fusion.shen_transition import move_offset, shen_transition
 from navlearn.fusion.transition import Linearised, bias_scale_transition
@@ -54,6 +54,11 @@ class FilterModel:
     def full(self) -> bool:
         """Whether the Shen model is the repaired one."""
         return self.options.model == "shen2010_full"
+
+    @property
+    def gate(self) -> GateOptions:
+        """When a measurement is refused."""
+        return self.options.gate
 
     @property
     def closed(self) -> bool:

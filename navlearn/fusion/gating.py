@@ -1,23 +1,44 @@
 """Which measurements are believed: the χ² gate on each kind's innovation, and its reset."""
 
+from enum import IntEnum
 from functools import lru_cache
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import torch
 from torch import Tensor
 
 from navlearn.fusion.filter_model import FilterModel
 from navlearn.fusion.measurements import Kind, Rows, Verdict
+from navlearn.fusion.options import GateOptions
 from navlearn.fusion.updates import Measured
+
+
+class Gated(Protocol):
+    """A filter whose measurements pass a gate.
+
+    Attributes:
+        rows: Rows of each kind of measurement.
+        limits: Largest NIS that passes, per kind taken.
+        gate: When a measurement is refused.
+    """
+
+    @property
+    def rows(self) -> Rows: ...  # noqa: D102
+
+    @property
+    def limits(self) -> tuple[float, ...]: ...  # noqa: D102
+
+    @property
+    def gate(self) -> GateOptions: ...  # noqa: D102
 
 
 class Judged(NamedTuple):
     """What the gate says, per kind.
 
     Attributes:
-        nis: Normalised innovation squared, NaN where nothing is measured, shape (..., 5).
-        verdict: Codes of :class:`navlearn.fusion.measurements.Verdict`, int64, shape (..., 5).
-        refused: Consecutive refusals so far, shape (..., 5).
+        nis: Normalised innovation squared, NaN where nothing is measured, shape (..., kinds).
+        verdict: Codes of :class:`navlearn.fusion.measurements.Verdict`, int64, shape (..., kinds).
+        refused: Consecutive refusals so far, shape (..., kinds).
     """
 
     nis: Tensor
@@ -25,9 +46,7 @@ class Judged(NamedTuple):
     refused: Tensor
 
 
-def nis_by_kind(
-    model: FilterModel, measured: Measured, innovation: Tensor, spread: Tensor
-) -> Tensor:
+def nis_by_kind(model: Gated, measured: Measured, innovation: Tensor, spread: Tensor) -> Tensor:
     """Return the NIS of each kind against the prediction.
 
     Args:
@@ -37,7 +56,7 @@ def nis_by_kind(
         spread: H P Hᵀ of the prediction's covariance P, shape (..., r, r).
 
     Returns:
-        NIS, zero where nothing is measured, shape (..., 5).
+        NIS, zero where nothing is measured, shape (..., kinds).
     """
     owner, together = _owner(model.rows, innovation.dtype, innovation.device)
     total = spread * together + torch.diag_embed(measured.variance)
@@ -49,13 +68,13 @@ def nis_by_kind(
 
 @lru_cache(maxsize=64)
 def _owner(rows: Rows, dtype: torch.dtype, device: torch.device) -> tuple[Tensor, Tensor]:
-    """Return which kind each row belongs to (r, 5), and which rows belong together (r, r)."""
+    """Return which kind each row belongs to (r, kinds), and which rows belong together (r, r)."""
     with torch.inference_mode(False):
-        owner = rows.spread(torch.eye(len(Kind), dtype=dtype, device=device)).T
+        owner = rows.spread(torch.eye(rows.known, dtype=dtype, device=device)).T
         return owner, owner @ owner.T
 
 
-def limits_by_kind(model: FilterModel, like: Tensor) -> Tensor:
+def limits_by_kind(model: Gated, like: Tensor) -> Tensor:
     """Return the largest NIS that passes, per kind.
 
     Args:
@@ -63,35 +82,36 @@ def limits_by_kind(model: FilterModel, like: Tensor) -> Tensor:
         like: Any tensor of the dtype and device wanted.
 
     Returns:
-        Limits, infinite for kinds not taken, shape (5,).
+        Limits, infinite for kinds not taken, shape (kinds,).
     """
-    return _limits(model.rows.kinds, model.limits, like.dtype, like.device)
+    return _limits(model.rows, model.limits, like.dtype, like.device)
 
 
 @lru_cache(maxsize=64)
 def _limits(
-    kinds: tuple[Kind, ...], limits: tuple[float, ...], dtype: torch.dtype, device: torch.device
+    rows: Rows, limits: tuple[float, ...], dtype: torch.dtype, device: torch.device
 ) -> Tensor:
-    known = dict(zip(kinds, limits, strict=True))
+    taken: dict[IntEnum | int, float] = dict(zip(rows.kinds, limits, strict=True))
+    values = [taken.get(k, float("inf")) for k in range(rows.known)]
     with torch.inference_mode(False):
-        return torch.tensor([known.get(k, float("inf")) for k in Kind], dtype=dtype, device=device)
+        return torch.tensor(values, dtype=dtype, device=device)
 
 
-def judged(model: FilterModel, nis: Tensor, present: Tensor, refused: Tensor) -> Judged:
+def judged(model: Gated, nis: Tensor, present: Tensor, refused: Tensor) -> Judged:
     """Return which kinds pass the gate at one time.
 
     Args:
         model: The filter.
-        nis: NIS of each kind, shape (..., 5).
-        present: 1.0 where a kind is measured, shape (..., 5).
-        refused: Consecutive refusals before, shape (..., 5).
+        nis: NIS of each kind, shape (..., kinds).
+        present: 1.0 where a kind is measured, shape (..., kinds).
+        refused: Consecutive refusals before, shape (..., kinds).
 
     Returns:
         Verdicts and the refusals afterwards.
     """
     there = present > 0.5
     beyond = there & ~(nis.detach() <= limits_by_kind(model, nis))
-    reset = beyond & (refused >= model.options.gate.reset_after)
+    reset = beyond & (refused >= model.gate.reset_after)
     gate = beyond & ~reset
     verdict = there.to(torch.int64) * int(Verdict.ACCEPTED)
     verdict = torch.where(gate, int(Verdict.REFUSED_BY_GATE), verdict)
@@ -100,14 +120,14 @@ def judged(model: FilterModel, nis: Tensor, present: Tensor, refused: Tensor) ->
     return Judged(torch.where(there, nis, torch.nan), verdict, count)
 
 
-def judged_over_time(model: FilterModel, nis: Tensor, present: Tensor, refused: Tensor) -> Judged:
+def judged_over_time(model: Gated, nis: Tensor, present: Tensor, refused: Tensor) -> Judged:
     """Return which kinds pass the gate at every block.
 
     Args:
         model: The filter.
-        nis: NIS of each kind, shape (B, K, 5).
-        present: 1.0 where a kind is measured, shape (B, K, 5).
-        refused: Consecutive refusals before the first block, shape (B, 5).
+        nis: NIS of each kind, shape (B, K, kinds).
+        present: 1.0 where a kind is measured, shape (B, K, kinds).
+        refused: Consecutive refusals before the first block, shape (B, kinds).
 
     Returns:
         Verdicts and the refusals after each block.
@@ -122,7 +142,7 @@ def judged_over_time(model: FilterModel, nis: Tensor, present: Tensor, refused: 
             beyond[b, :, kind].tolist(),
             there[b, :, kind].tolist(),
             float(refused[b, kind]),
-            model.options.gate.reset_after,
+            model.gate.reset_after,
         )
         verdict[b, :, kind] = torch.tensor(column, device=verdict.device)
         count[b, :, kind] = torch.tensor(counts, dtype=count.dtype, device=count.device)
@@ -147,13 +167,13 @@ def _judged_column(
     return verdicts, counts
 
 
-def taken(model: FilterModel, measured: Measured, verdict: Tensor) -> Measured:
+def taken(model: Gated, measured: Measured, verdict: Tensor) -> Measured:
     """Return measurements with the refused ones blanked out.
 
     Args:
         model: The filter.
         measured: What is measured, shape (...).
-        verdict: Verdict per kind, shape (..., 5).
+        verdict: Verdict per kind, shape (..., kinds).
 
     Returns:
         Measurements whose refused rows are zero with unit variance.
@@ -176,7 +196,7 @@ def opened(model: FilterModel, verdict: Tensor, measured: Measured, innovation: 
 
     Args:
         model: The filter.
-        verdict: Verdict per kind, shape (..., 5).
+        verdict: Verdict per kind, shape (..., kinds).
         measured: What is measured, shape (...).
         innovation: Measured minus predicted, shape (..., r).
 
@@ -187,7 +207,7 @@ def opened(model: FilterModel, verdict: Tensor, measured: Measured, innovation: 
     reset = (verdict == int(Verdict.ACCEPTED_BY_RESET)).to(innovation)
     square = (innovation * innovation).detach() * model.rows.spread(reset)
     extra = [torch.zeros_like(innovation[..., 0])] * layout.size
-    azimuth = model.options.gate.reset_azimuth**2
+    azimuth = model.gate.reset_azimuth**2
     for kind in model.rows.kinds:
         rows = model.rows.of(kind)
         if rows is None:

@@ -4,6 +4,7 @@ Rows of all kinds stand together in one vector of fixed length. A measurement th
 has a zero row in H, a zero innovation and unit variance.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import lru_cache
@@ -41,18 +42,20 @@ class Rows:
         kinds: Kinds that the filter takes, in the order of their rows.
         first: First row of each kind taken.
         count: Number of rows of each kind taken.
+        known: Number of kinds that the family of filters knows, the length of per-kind axes.
     """
 
-    kinds: tuple[Kind, ...]
+    kinds: tuple[IntEnum, ...]
     first: tuple[int, ...]
     count: tuple[int, ...]
+    known: int = len(Kind)
 
     @property
     def size(self) -> int:
         """Length r of the measurement vector."""
         return sum(self.count)
 
-    def of(self, kind: Kind) -> slice | None:
+    def of(self, kind: IntEnum) -> slice | None:
         """Return the rows of a kind, or None where the filter does not take it."""
         if kind not in self.kinds:
             return None
@@ -63,7 +66,7 @@ class Rows:
         """Return values per kind repeated for each row.
 
         Args:
-            per_kind: Shape (..., 5).
+            per_kind: Shape (..., known).
 
         Returns:
             Shape (..., r).
@@ -101,11 +104,20 @@ def measurement_rows(options: EkfOptions) -> Rows:
         (Kind.ZERO_YAW_RATE, options.zero_yaw_rate and gyro, 1),
         (Kind.ZERO_SPEED, options.zero_speed and options.has_velocity_states, 3),
     )
-    kinds, first, count, row = [], [], [], 0
-    for kind, used, n in wanted:
-        if used:
-            kinds.append(kind)
-            first.append(row)
-            count.append(n)
-            row += n
-    return Rows(tuple(kinds), tuple(first), tuple(count))
+    return rows_of(wanted, len(Kind))
+
+
+def rows_of(wanted: Sequence[tuple[IntEnum, bool, int]], known: int) -> Rows:
+    """Return rows laid one kind after another.
+
+    Args:
+        wanted: Per kind: the kind, whether it is used, its number of rows.
+        known: Number of kinds that the family of filters knows.
+
+    Returns:
+        Rows of the kinds that are used.
+    """
+    used = [(kind, n) for kind, use, n in wanted if use]
+    count = tuple(n for _, n in used)
+    first = tuple(sum(count[:k]) for k in range(len(count)))
+    return Rows(tuple(kind for kind, _ in used), first, count, known)

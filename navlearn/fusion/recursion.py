@@ -7,29 +7,24 @@ mechanization running free, and the deviation is minus its estimated error.
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import torch
 from torch import Tensor
 
 from navlearn.filters.belief import Belief
-from navlearn.filters.ekf import (
-    Corrected,
-    corrected,
-    gain_of_projected,
-    projected,
-    propagated,
-    update,
-)
+from navlearn.filters.ekf import propagated
 from navlearn.fusion.filter_model import FilterModel, fed_back, predict_blocks
-from navlearn.fusion.gating import judged, nis_by_kind, opened, taken
+from navlearn.fusion.gated_update import gated_update
+from navlearn.fusion.gating import opened
 from navlearn.fusion.history import FilterHistory
-from navlearn.fusion.measurements import Verdict
 from navlearn.fusion.noise import EkfNoise
 from navlearn.fusion.record import Ended, history, path_in_blocks
 from navlearn.fusion.timeline import Timeline
-from navlearn.fusion.updates import Measured, Occasion, measured
+from navlearn.fusion.updates import Occasion, measured
 from navlearn.states import RissSample, Trajectory
+
+T = TypeVar("T")
 
 
 class Carried(NamedTuple):
@@ -103,16 +98,10 @@ def end_block(
     innovation = found.innovation
     if not model.closed:
         innovation = innovation - (found.observation @ deviation.unsqueeze(-1)).squeeze(-1)
-    cross, spread = projected(point.covariance, found.observation)
-    verdict = judged(
-        model, nis_by_kind(model, found, innovation, spread), found.present, point.refused
-    )
     found = found._replace(innovation=innovation)
-    if bool((verdict.verdict > int(Verdict.ACCEPTED)).any()):
-        new = _corrected_with_refusals(model, point, found, verdict.verdict)
-    else:
-        gain = gain_of_projected(cross, spread, found.variance)
-        new = corrected(point.covariance, found.observation, found.variance, innovation, gain)
+    new, verdict = gated_update(
+        model, point.covariance, point.refused, found, lambda v: opened(model, v, found, innovation)
+    )
     point = point._replace(covariance=new.covariance, refused=verdict.refused)
     there = model.rows.spread(found.present) > 0.5
     shown = torch.where(there, innovation, torch.nan)
@@ -122,15 +111,6 @@ def end_block(
     deviation = deviation + new.correction
     belief = fed_back(model, point, deviation, occasion.end)
     return Carried(point, deviation), Ended(prior, belief, shown, verdict, deviation)
-
-
-def _corrected_with_refusals(
-    model: FilterModel, point: Belief, found: Measured, verdict: Tensor
-) -> Corrected:
-    used, covariance = taken(model, found, verdict), point.covariance
-    if bool((verdict == int(Verdict.ACCEPTED_BY_RESET)).any()):
-        covariance = covariance + torch.diag_embed(opened(model, verdict, found, found.innovation))
-    return update(covariance, used.observation, used.variance, used.innovation)
 
 
 def run_loop(
@@ -157,7 +137,7 @@ def run_loop(
     # unbind: indexing inside the loop would make the backward pass quadratic in K
     samples = zip(*(channel.unbind(1) for channel in line.samples), strict=True)
     acceleration = line.acceleration.unbind(1)
-    occasions = _occasions(line.occasion)
+    occasions = unstacked(line.occasion)
     carried = Carried(start, torch.zeros_like(start.covariance[..., 0]))
     ends: list[Ended] = []
     inside: list[Trajectory] = []
@@ -167,7 +147,7 @@ def run_loop(
             inside.append(path)
         carried, ended = end_block(model, carried, occasions[k], noise)
         ends.append(ended)
-    record: Ended = _stacked(ends)
+    record: Ended = stacked(ends)
     if inside:
         path = Trajectory(*(torch.stack(list(c), 1) for c in zip(*inside, strict=True)))
     else:
@@ -175,7 +155,15 @@ def run_loop(
     return history(line, record, path, method, 1)
 
 
-def _occasions(occasion: Occasion) -> list[Occasion]:
+def unstacked(occasion: T) -> list[T]:
+    """Return what stands at each block, unbound at once; the inverse of :func:`stacked`.
+
+    Args:
+        occasion: Tree of named tuples of tensors, shape (B, K, ...) each.
+
+    Returns:
+        One tree per block.
+    """
     leaves: list[list[Tensor]] = []
 
     def split(value: Any) -> Any:
@@ -192,7 +180,15 @@ def _occasions(occasion: Occasion) -> list[Occasion]:
     return [at(tree, k) for k in range(len(leaves[0]))]
 
 
-def _stacked(items: list[Any]) -> Any:
+def stacked(items: list[Any]) -> Any:
+    """Return trees of tensors, one per block, as one tree with an axis of blocks.
+
+    Args:
+        items: Trees of named tuples of tensors, shape (B, ...) each.
+
+    Returns:
+        Tree of tensors, shape (B, K, ...) each.
+    """
     if isinstance(items[0], Tensor):
         return torch.stack(items, 1)
-    return type(items[0])(*(_stacked(list(column)) for column in zip(*items, strict=True)))
+    return type(items[0])(*(stacked(list(column)) for column in zip(*items, strict=True)))

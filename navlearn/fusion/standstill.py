@@ -40,11 +40,7 @@ def rest_at_end(errors: SensorErrors, samples: RissSample) -> Rest:
         Mean rate and regressors, batch shape (..., K); zero where the car moves at the block's
         end.
     """
-    step = torch.arange(samples.dt.shape[-1], device=samples.dt.device)
-    moves = (samples.stationary <= 0.5) & (samples.dt > 0.0)
-    last_move = torch.where(moves, step, -1).amax(-1, keepdim=True)
-    weight = samples.dt * (step > last_move)
-    duration = weight.sum(-1)
+    weight, duration, standing = stationary_tail(samples.dt, samples.stationary)
     per_second = 1.0 / duration.clamp(min=1e-9)
     means = [(weight * gyro_regressor(t, samples)).sum(-1) for t in errors.gyro_terms]
     regressors = torch.stack(means, -1) if means else duration.new_zeros((*duration.shape, 0))
@@ -53,8 +49,28 @@ def rest_at_end(errors: SensorErrors, samples: RissSample) -> Rest:
         duration,
         per_second * yaw_rate,
         per_second.unsqueeze(-1) * regressors,
-        _across_blocks(duration, moves.any(-1)),
+        standing,
     )
+
+
+def stationary_tail(dt: Tensor, stationary: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Return how long the car has stood still at the end of blocks.
+
+    Args:
+        dt: Lengths of the samples of consecutive blocks, s, shape (..., K, n); 0 pads.
+        stationary: 1.0 where the car stands still, shape (..., K, n).
+
+    Returns:
+        Length of each sample of a block's stationary tail, zero elsewhere (s, shape (..., K, n));
+        the tail's duration; and how long the car has stood, earlier blocks included (s, shape
+        (..., K) each).
+    """
+    step = torch.arange(dt.shape[-1], device=dt.device)
+    moves = (stationary <= 0.5) & (dt > 0.0)
+    last_move = torch.where(moves, step, -1).amax(-1, keepdim=True)
+    weight = dt * (step > last_move)
+    duration = weight.sum(-1)
+    return weight, duration, _across_blocks(duration, moves.any(-1))
 
 
 def _across_blocks(duration: Tensor, moved: Tensor) -> Tensor:

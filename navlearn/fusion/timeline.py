@@ -47,7 +47,7 @@ def timeline(
     Returns:
         Timeline.
     """
-    fixes, timing = _at_least_one(fixes, timing, samples)
+    fixes, timing = at_least_one_fix(fixes, timing, samples.dt)
     blocks = cut(samples.dt, timing.index, model.options.max_block)
     laid = samples_in_blocks(samples, blocks)
     if "delay" in model.errors.speed_terms or model.layout.has_velocity:
@@ -59,14 +59,11 @@ def timeline(
         last_acceleration = odometer_acceleration(samples.dt, samples.speed, blocks.end)
     # no car does that: the odometer dropped out or came back
     last_acceleration = torch.where(last_acceleration.abs() < HARDEST, last_acceleration, 0.0)
-    chosen = blocks.fix.clamp(min=0)
-    there = (blocks.fix >= 0).to(samples.dt)
-    fix = GnssFix(*(gathered(channel, chosen) for channel in fixes))
-    fix = fix._replace(has_position=fix.has_position * there, has_velocity=fix.has_velocity * there)
+    fix, delay = fixes_at_ends(blocks, fixes, timing)
     last = RissSample(*(gathered(channel, blocks.end) for channel in samples))
     occasion = Occasion(
         fix,
-        gathered(timing.delay, chosen) * there,
+        delay,
         BlockEnd(last, last_acceleration),
         rest_at_end(model.errors, laid),
     )
@@ -100,11 +97,34 @@ def trajectory_of_blocks(line: Timeline, inside: Trajectory, after: NavState) ->
     return Trajectory(lat, lon, height, azimuth, flat.v_e, flat.v_n, flat.v_u)
 
 
-def _at_least_one(
-    fixes: GnssFix, timing: FixTiming, samples: RissSample
-) -> tuple[GnssFix, FixTiming]:
+def fixes_at_ends(blocks: Blocks, fixes: GnssFix, timing: FixTiming) -> tuple[GnssFix, Tensor]:
+    """Return the fix at the end of each block, and how old it is.
+
+    Args:
+        blocks: Blocks.
+        fixes: Fixes, shape (B, M) each; M at least 1.
+        timing: Where they fall, shape (B, M) each.
+
+    Returns:
+        Fixes (none valid where a block ends without one) and delays, shape (B, K) each.
+    """
+    chosen = blocks.fix.clamp(min=0)
+    there = (blocks.fix >= 0).to(timing.delay)
+    fix = GnssFix(*(gathered(channel, chosen) for channel in fixes))
+    fix = fix._replace(has_position=fix.has_position * there, has_velocity=fix.has_velocity * there)
+    return fix, gathered(timing.delay, chosen) * there
+
+
+def at_least_one_fix(fixes: GnssFix, timing: FixTiming, dt: Tensor) -> tuple[GnssFix, FixTiming]:
+    """Return fixes and timing, one that stands for no fix where there are none.
+
+    Args:
+        fixes: Fixes, shape (B, M) each; M may be 0.
+        timing: Where they fall, shape (B, M) each.
+        dt: Lengths of the intervals, s, shape (B, T).
+    """
     if timing.index.shape[-1] > 0:
         return fixes, timing
-    none = samples.dt.new_zeros((samples.dt.shape[0], 1))
+    none = dt.new_zeros((dt.shape[0], 1))
     absent = GnssFix(*(none for _ in fixes))
     return absent, FixTiming(torch.full_like(none, -1, dtype=torch.int64), none)

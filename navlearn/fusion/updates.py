@@ -5,6 +5,8 @@ correction K ν is added. Sources: [Noureldin2013] §8.3 for position and veloci
 arm; standstill as in `error models`: the mean gyro rate is Earth rate plus the gyro's errors.
 """
 
+from collections.abc import Callable
+from enum import IntEnum
 from typing import NamedTuple
 
 import torch
@@ -99,7 +101,7 @@ def measured(
     """
     told = odometry(model.errors, occasion.end, belief.sensor)
     scene = _Scene(model, belief, occasion, told, _arm(model, belief, occasion), noise)
-    build = {
+    build: dict[IntEnum, Callable[[_Scene], _Part]] = {
         Kind.POSITION: _position,
         Kind.VELOCITY: _velocity,
         Kind.COURSE: _course,
@@ -129,7 +131,7 @@ def measured(
     )
 
 
-def _possible(model: MeasurementModel, occasion: Occasion, kind: Kind) -> Tensor:
+def _possible(model: MeasurementModel, occasion: Occasion, kind: IntEnum) -> Tensor:
     if kind == Kind.POSITION:
         return occasion.fix.has_position > 0.5
     if kind in (Kind.VELOCITY, Kind.COURSE):
