@@ -9,6 +9,7 @@ import torch
 
 from navlearn.experiment.drive import timeline_of
 from navlearn.experiment.filter_runs import MadeRun, made_run
+from navlearn.experiment.solution_tables import solution_table, with_deviations
 from navlearn.fusion.dead_reckoning import DeadReckoningOptions, dead_reckoning_start
 from navlearn.fusion.history import FilterHistory
 from navlearn.fusion.options import EkfOptions
@@ -145,23 +146,6 @@ class DeadReckoning:
         )
 
 
-def solution_table(t: torch.Tensor, trajectory: Trajectory, outage: Outage) -> pd.DataFrame:
-    """Return a trajectory through an outage as a table, one sample before it included.
-
-    Args:
-        t: Times of the trajectory, s, shape (T,).
-        trajectory: Solution, shape (T,) each.
-        outage: The outage.
-    """
-    times = t.numpy()
-    first = max(int(np.searchsorted(times, outage.start, side="right")) - 1, 0)
-    last = int(np.searchsorted(times, outage.end + 1e-9, side="right"))
-    columns = {name: getattr(trajectory, name)[first:last] for name in Trajectory._fields}
-    return pd.DataFrame(
-        {"t": times[first:last], **{name: v.detach().numpy() for name, v in columns.items()}}
-    )
-
-
 class Believed(NamedTuple):
     """A filter's solution over a drive, and how sure it is of its position.
 
@@ -196,12 +180,4 @@ def believed_table(t: torch.Tensor, solution: Believed, outage: Outage) -> pd.Da
         outage: The outage.
     """
     table = solution_table(t, solution.trajectory, outage)
-    covariance, ends = solution.covariance, t[solution.end].numpy()
-    spread = {
-        "std_e": covariance[:, 0, 0].clamp(min=0.0).sqrt(),
-        "std_n": covariance[:, 1, 1].clamp(min=0.0).sqrt(),
-        "cov_en": covariance[:, 0, 1],
-    }
-    for name, values in spread.items():
-        table[name] = np.interp(table["t"].to_numpy(), ends, values.numpy())
-    return table
+    return with_deviations(table, t[solution.end], solution.covariance)

@@ -19,9 +19,9 @@ from navlearn.experiment.baselines import (
     believed,
     believed_table,
     filter_options,
-    solution_table,
 )
 from navlearn.experiment.perfect_azimuth import KnownAzimuth, known_azimuth, reckoned
+from navlearn.experiment.solution_tables import solution_table
 from navlearn.fusion.options import EkfOptions
 from navlearn.logs.drive_log import DriveLog
 from navlearn.logs.sensor_truth import SensorTruth

@@ -122,6 +122,7 @@ def method_settings(
     shared = {
         "mechanization": recipe.mechanization.model_dump(mode="json"),
         "filter": json.loads(json.dumps(recipe.filter, default=str)),
+        "ins_filter": json.loads(json.dumps(recipe.ins_filter, default=str)),
         "clocks": list(notes),
         "seed": recipe.seed,
     }

@@ -45,7 +45,7 @@ def run_summary(
         command=f"navlearn run {shlex.quote(str(folder / 'recipe.yaml'))} --out NEW_FOLDER",
         versions=versions,
         seeds=_seeds(recipe),
-        baselines=tuple(name for name in ("ekf", "ekf_plain") if name in recipe.methods),
+        baselines=recipe.baselines[:2],
         metric=recipe.metric,
         remarks=(*recipe.remarks, *_semi_synthetic(drive)),
         published=tuple(one.table() for one in recipe.published),

@@ -28,15 +28,14 @@ from navlearn.experiment.sweep_jobs import (
     Failure,
     SweepJob,
     read_rows,
-    real_drive,
     rows_file,
     run_job,
 )
+from navlearn.experiment.sweep_sources import Sources, sources_of
 from navlearn.experiment.sweep_summary import sweep_summary
 from navlearn.outages.output import prepare_output_folder
-from navlearn.outages.store import log_fingerprint
 from navlearn.outages.sweep_report import sweep_content, table_of, write_sweep_report
-from navlearn.recipe.sweep import DegradedDrives, SweepRecipe
+from navlearn.recipe.sweep import SweepRecipe
 
 TIME = "time.json"
 FAILURES = "failures.json"
@@ -99,13 +98,11 @@ def run_sweep(
     if processes < 1:
         raise ConfigError(f"processes: found {processes}; expected one or more")
     check_recipe(recipe.for_drive("any", recipe.sweep.durations_s[0]))
-    source = ""
-    if isinstance(recipe.sweep, DegradedDrives):
-        source = log_fingerprint(real_drive(recipe))
+    sources, left_out = sources_of(recipe)
     output = prepare_output_folder(Path(out), force)
     text = yaml.safe_dump(recipe.resolved(), sort_keys=False, allow_unicode=True)
     output.claim("recipe.yaml").write_text(text, encoding="utf-8")
-    parts = _parts(recipe, output.claim("rows/"), source)
+    parts = _parts(recipe, output.claim("rows/"), sources)
     with _clock(output.claim(TIME)) as spent:
         failures = _run_all(recipe, parts, processes, progress)
     _write_failures(output.claim(FAILURES), failures)
@@ -115,7 +112,7 @@ def run_sweep(
             f"{recipe.name}: no drive could be run; the first said: {failures[0].reason}"
         )
     table = pd.concat(rows, ignore_index=True)
-    summary = sweep_summary(recipe, table, failures)
+    summary = sweep_summary(recipe, table, failures, left_out)
     command = f"navlearn run {shlex.quote(str(output.path / 'recipe.yaml'))} --out NEW_FOLDER"
     summary = write_sweep_report(
         output,
@@ -138,17 +135,18 @@ def run_sweep(
     )
 
 
-def _parts(recipe: SweepRecipe, folder: Path, source: str) -> list[_Part]:
+def _parts(recipe: SweepRecipe, folder: Path, sources: Sources) -> list[_Part]:
     return [
         _Part(
             grade=grade,
             seed=seed,
             duration=duration,
-            file=folder / rows_file(recipe, grade, seed, duration, source),
+            file=folder / rows_file(recipe, grade, seed, duration, sources[seed, duration]),
         )
         for grade in recipe.sweep.grades
         for duration in recipe.sweep.durations_s
         for seed in recipe.sweep.seeds
+        if (seed, duration) in sources
     ]
 
 

@@ -33,7 +33,13 @@ from navlearn.outages.known_log import sees_after
 from navlearn.outages.replay import BatchMethod, Method, Solution, replay
 from navlearn.outages.schedule import Outage
 from navlearn.outages.tables import write_outages_csv
-from navlearn.recipe.sweep import CLASSES, DegradedDrives, SimulatedDrives, SweepRecipe
+from navlearn.recipe.sweep import (
+    CLASSES,
+    DegradedDrives,
+    RecordedDrives,
+    SimulatedDrives,
+    SweepRecipe,
+)
 
 CPU = "cpu_s"
 """Column with the processor time that a method took for an outage, s."""
@@ -94,9 +100,10 @@ def rows_file(recipe: SweepRecipe, grade: str, seed: int, duration: float, sourc
         source: What the drives are made of: a hash of the real log, or nothing.
     """
     content = recipe.model_dump(mode="json", exclude={"name", "question"})
-    content["filter_by_grade"] = content["filter_by_grade"].get(grade, {})
+    for key in ("filter_by_grade", "ins_filter_by_grade"):
+        content[key] = content[key].get(grade, {})
     # How many drives there are does not change any of them.
-    for key in ("grades", "drives", "first_seed", "durations_s", "log"):
+    for key in ("grades", "drives", "first_seed", "durations_s", "log", "logs", "aiding"):
         content["sweep"].pop(key, None)
     what = {
         "version": navlearn.__version__,
@@ -135,7 +142,7 @@ def run_job(job: SweepJob) -> list[Failure]:
     return failures
 
 
-def make_drive(recipe: SweepRecipe, grade: str, seed: int) -> tuple[DriveLog, SensorTruth]:
+def make_drive(recipe: SweepRecipe, grade: str, seed: int) -> tuple[DriveLog, SensorTruth | None]:
     """Return a drive of a sweep, and what a simulation knows of its gyro.
 
     Args:
@@ -154,27 +161,34 @@ def make_drive(recipe: SweepRecipe, grade: str, seed: int) -> tuple[DriveLog, Se
             name=f"{source.profile}_{grade}_{seed}",
         )
         return made.log, made.sensor_truth
+    if isinstance(source, RecordedDrives):
+        return real_drive(recipe, seed), None
     degraded = degraded_drive(real_drive(recipe), grade, seed)
     return degraded.log, degraded.truth
 
 
-def real_drive(recipe: SweepRecipe) -> DriveLog:
-    """Return the real drive that a sweep puts gyro errors on.
+def real_drive(recipe: SweepRecipe, number: int = 0) -> DriveLog:
+    """Return a real drive of a sweep: the one that gyro errors are put on, or one of several.
 
     Args:
-        recipe: A sweep over a real drive.
+        recipe: A sweep over real drives.
+        number: Which of several.
 
     Raises:
         LogNotFoundError: It does not exist.
         LogError: It cannot be used as it is.
         ConfigError: The sweep's drives are simulated.
     """
-    if not isinstance(recipe.sweep, DegradedDrives):
+    if isinstance(recipe.sweep, SimulatedDrives):
         raise ConfigError(f"{recipe.name}: its drives are simulated; there is no real one")
-    return open_log(recipe.for_drive("real", 1.0).model_copy(update={"log": recipe.sweep.log}))
+    sweep = recipe.sweep
+    source = sweep.log if isinstance(sweep, DegradedDrives) else sweep.source(number)
+    return open_log(recipe.for_drive("real", 1.0).model_copy(update={"log": source}))
 
 
-def outage_rows(job: SweepJob, log: DriveLog, truth: SensorTruth, duration: float) -> pd.DataFrame:
+def outage_rows(
+    job: SweepJob, log: DriveLog, truth: SensorTruth | None, duration: float
+) -> pd.DataFrame:
     """Return the rows of a drive at one length of outages.
 
     Args:

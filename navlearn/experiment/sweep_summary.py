@@ -11,11 +11,14 @@ from navlearn.logs.synthetic.grades import find_grade
 from navlearn.outages.run_summary import MethodSummary
 from navlearn.outages.sweep_summary import SweepCell, SweepSummary
 from navlearn.recipe.fixed_methods import FIXED_METHODS
-from navlearn.recipe.sweep import SimulatedDrives, SweepRecipe
+from navlearn.recipe.sweep import RECORDED, RecordedDrives, SimulatedDrives, SweepRecipe
 
 
 def sweep_summary(
-    recipe: SweepRecipe, rows: pd.DataFrame, failures: Sequence[Failure]
+    recipe: SweepRecipe,
+    rows: pd.DataFrame,
+    failures: Sequence[Failure],
+    left_out: Sequence[str] = (),
 ) -> SweepSummary:
     """Return everything that the report of a sweep tells, but how it was run.
 
@@ -23,10 +26,9 @@ def sweep_summary(
         recipe: The sweep.
         rows: Rows of all drives that could be run.
         failures: What could not.
+        left_out: Drives into which no outage of some length fits, a sentence each.
     """
     sweep = recipe.sweep
-    first, last = sweep.seeds[0], sweep.seeds[-1]
-    seeds = f"seeds {first} to {last}" if sweep.drives > 1 else f"seed {first}"
     return SweepSummary(
         title=recipe.name,
         question=recipe.question,
@@ -38,25 +40,29 @@ def sweep_summary(
         seeds={"recipe": recipe.seed}
         | {key: seed for spec in recipe.models for key, seed in spec.seeds.items()},
         classes={gyro_class(grade): _words(grade) for grade in sweep.grades},
-        remarks=(*recipe.remarks, _origin(recipe, seeds), *_failed(failures)),
+        remarks=(*recipe.remarks, _origin(recipe), *_failed(failures)),
         published=tuple(one.table() for one in recipe.published),
         metric=recipe.metric,
+        baseline=next(iter(recipe.baselines), "ekf"),
         setup=(
             f"outages: {recipe.outages.count} per drive and length, placed by "
             f"`{recipe.outages.placement}`, none before {recipe.outages.warm_up_s:g} s",
             *filter_and_training(recipe.for_drive("any", sweep.durations_s[0])),
             *_filters_of_grades(recipe),
             *_clocks(recipe),
+            *(f"left out, because no outage fits: {one}" for one in left_out),
         ),
     )
 
 
 def _filters_of_grades(recipe: SweepRecipe) -> tuple[str, ...]:
     """Return what the filter is told of each grade beyond what all have in common."""
+    both = (("filter", recipe.filter_by_grade), ("full-IMU filter", recipe.ins_filter_by_grade))
     return tuple(
-        f"filter, {gyro_class(grade)}: {json.dumps(options)} as well, for every filter but "
+        f"{which}, {gyro_class(grade)}: {json.dumps(options)} as well, for every filter but "
         "those of gyro oracles"
-        for grade, options in recipe.filter_by_grade.items()
+        for which, by_grade in both
+        for grade, options in by_grade.items()
     )
 
 
@@ -104,12 +110,23 @@ def _method(recipe: SweepRecipe, name: str, rows: pd.DataFrame) -> MethodSummary
 
 def _words(grade: str) -> str:
     """Return what a grade stands for, without the class that it names itself."""
+    if grade == RECORDED:
+        return "drives as they were recorded"
     summary = find_grade(grade).summary
     return summary.partition(": ")[2] if summary.startswith("class ") else summary
 
 
-def _origin(recipe: SweepRecipe, seeds: str) -> str:
+def _origin(recipe: SweepRecipe) -> str:
     sweep = recipe.sweep
+    if isinstance(sweep, RecordedDrives):
+        made = (
+            "; their fixes and odometer are made from their reference, with stated noise: semi-real"
+            if any(sweep.source(number).aiding is not None for number in sweep.seeds)
+            else ""
+        )
+        return f"{sweep.drives} recorded drives{made}."
+    first, last = sweep.seeds[0], sweep.seeds[-1]
+    seeds = f"seeds {first} to {last}" if sweep.drives > 1 else f"seed {first}"
     if isinstance(sweep, SimulatedDrives):
         return (
             f"Simulated drives: {sweep.drives} per class of {sweep.duration_s:g} s, profile "

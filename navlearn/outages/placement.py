@@ -101,9 +101,11 @@ def _searched(
         good &= np.isin(labels, protocol.classes)
     separation = protocol.duration + protocol.min_gap
     chosen, missing = _choose(protocol, starts[good], labels[good], separation)
-    if chosen.size < protocol.count:
-        raise LogError(_too_few(protocol, log.metadata.name, chosen.size, begin, end, rules))
     notes = [f"no {name} outage: the drive has no such stretch" for name in missing]
+    if chosen.size < protocol.count and protocol.fewer and chosen.size > 0:
+        notes.append(f"{protocol.count} outages were asked for, {chosen.size} fit")
+    elif chosen.size < protocol.count:
+        raise LogError(_too_few(protocol, log.metadata.name, chosen.size, begin, end, rules))
     return tuple(Outage(float(start), protocol.duration) for start in chosen), notes
 
 

@@ -49,6 +49,7 @@ class OutageProtocol:
         placement: ``spread``: evenly over the good stretches; ``listed``: at ``times``;
             ``random``: drawn with ``seed``; ``by_dynamics``: as many of each of ``classes``.
         count: Number of outages; ignored by ``listed``, which has one per entry of ``times``.
+        fewer: Whether a drive into which fewer fit (one at least) has fewer.
         duration: Length of each, s.
         warm_up: No outage starts earlier than this after sensors and reference are both there,
             s (not applied to ``listed``).
@@ -70,6 +71,7 @@ class OutageProtocol:
 
     placement: str = "spread"
     count: int = 10
+    fewer: bool = False
     duration: float = 60.0
     warm_up: float = 300.0
     warm_up_moving: float = 60.0

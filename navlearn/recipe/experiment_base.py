@@ -7,8 +7,18 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 from pydantic import AfterValidator, Field, model_validator
 
 from navlearn.logs.nearest import nearest_hint
-from navlearn.recipe.filter_options import checked_filter, ekf_options
-from navlearn.recipe.fixed_methods import BASELINES, FIXED_METHODS
+from navlearn.recipe.filter_options import (
+    checked_filter,
+    checked_ins_filter,
+    ekf_options,
+    ins_ekf_options,
+)
+from navlearn.recipe.fixed_methods import (
+    BASELINES,
+    COMPARED_WITH,
+    FIXED_METHODS,
+    INS_COMPARED_WITH,
+)
 from navlearn.recipe.sections import (
     CalibrationSection,
     MechanizationSection,
@@ -21,6 +31,7 @@ from navlearn.recipe.spec_base import PlainName, Seed
 from navlearn.recipe.strict import Section
 
 if TYPE_CHECKING:
+    from navlearn.fusion.ins.options import InsEkfOptions
     from navlearn.fusion.options import EkfOptions
 
 VERSIONS: Final = "versions"
@@ -58,9 +69,11 @@ class Experiment(Titled):
             that are built in.
         mechanization: How the car is dead-reckoned.
         filter: Options of the filter that differ from their defaults, by name.
+        ins_filter: The same for the filter of a full IMU.
         outages: Where GNSS is taken away.
         training: What error models learn from.
         calibration: How late streams are stamped.
+        observability: Whether the report tells what the full-IMU filter observed, and when.
         metric: Figure by which methods are compared, a column of ``outages.csv``.
         remarks: Said in the report before anything else.
         published: Tables of papers, printed beside ours.
@@ -71,9 +84,13 @@ class Experiment(Titled):
     methods: Annotated[tuple[str, ...], Field(min_length=1)] = BASELINES
     mechanization: MechanizationSection = MechanizationSection()
     filter: Annotated[dict[str, Any], AfterValidator(checked_filter)] = Field(default_factory=dict)
+    ins_filter: Annotated[dict[str, Any], AfterValidator(checked_ins_filter)] = Field(
+        default_factory=dict
+    )
     outages: OutageSection = OutageSection()
     training: TrainingSection = TrainingSection()
     calibration: CalibrationSection = CalibrationSection()
+    observability: bool = False
     metric: Annotated[str, AfterValidator(_known_figure)] = "max_horizontal_error_m"
     remarks: tuple[str, ...] = ()
     published: tuple[PublishedSection, ...] = ()
@@ -119,6 +136,17 @@ class Experiment(Titled):
     def ekf_options(self) -> "EkfOptions":
         """Return the filter's options: their defaults under the recipe's ``filter``."""
         return ekf_options(self.filter)
+
+    def ins_ekf_options(self) -> "InsEkfOptions":
+        """Return the full-IMU filter's options: their defaults under ``ins_filter``."""
+        return ins_ekf_options(self.ins_filter)
+
+    @property
+    def baselines(self) -> tuple[str, ...]:
+        """Methods that the others are compared with, the honest filter first."""
+        first = INS_COMPARED_WITH if self.mechanization.sensors == "imu" else COMPARED_WITH
+        order = dict.fromkeys((*first, *COMPARED_WITH, *INS_COMPARED_WITH))
+        return tuple(name for name in order if name in self.methods)
 
     def resolved(self) -> dict[str, Any]:
         """Return the recipe with every default written out, and the versions that made it.

@@ -10,6 +10,7 @@ from pydantic import TypeAdapter, ValidationError
 from navlearn.logs.nearest import nearest_hint
 
 if TYPE_CHECKING:
+    from navlearn.fusion.ins.options import InsEkfOptions
     from navlearn.fusion.options import EkfOptions
 
 
@@ -27,8 +28,29 @@ def checked_filter(overrides: dict[str, Any]) -> dict[str, Any]:
         return {}
     from navlearn.fusion.options import EkfOptions
 
-    checked = _checked(EkfOptions, overrides, prefix="")
-    _built(EkfOptions, checked)
+    return _checked_for(EkfOptions, overrides)
+
+
+def checked_ins_filter(overrides: dict[str, Any]) -> dict[str, Any]:
+    """Return overrides of the full-IMU filter's options, as :func:`checked_filter` does.
+
+    Args:
+        overrides: Values by name of a field of
+            :class:`navlearn.fusion.ins.options.InsEkfOptions`.
+
+    Raises:
+        ValueError: A name is unknown or a value is not allowed.
+    """
+    if not overrides:
+        return {}
+    from navlearn.fusion.ins.options import InsEkfOptions
+
+    return _checked_for(InsEkfOptions, overrides)
+
+
+def _checked_for(options: type[Any], overrides: dict[str, Any]) -> dict[str, Any]:
+    checked = _checked(options, overrides, prefix="")
+    _built(options, checked)
     return checked
 
 
@@ -44,6 +66,21 @@ def ekf_options(overrides: Mapping[str, Any]) -> "EkfOptions":
     from navlearn.fusion.options import EkfOptions
 
     built: EkfOptions = _built(EkfOptions, overrides)
+    return built
+
+
+def ins_ekf_options(overrides: Mapping[str, Any]) -> "InsEkfOptions":
+    """Return the full-IMU filter's options with overrides laid over their defaults.
+
+    Args:
+        overrides: As :func:`checked_ins_filter` returns them.
+
+    Raises:
+        ConfigError: The options do not go together.
+    """
+    from navlearn.fusion.ins.options import InsEkfOptions
+
+    built: InsEkfOptions = _built(InsEkfOptions, overrides)
     return built
 
 

@@ -18,7 +18,7 @@ class FixedMethod(NamedTuple):
 
 FIXED_METHODS: Final[dict[str, FixedMethod]] = {
     "dead_reckoning": FixedMethod(
-        "last fix, last course, bias of the last two minutes; then mechanization"
+        "last fix and last known attitude or course and biases; then mechanization"
     ),
     "ekf_plain": FixedMethod(
         "the filter without a gyro bias state, what papers often compare with"
@@ -28,6 +28,21 @@ FIXED_METHODS: Final[dict[str, FixedMethod]] = {
     ),
     "ekf": FixedMethod(
         "the honest filter: position, azimuth, gyro bias, odometer scale; tuned, gated"
+    ),
+    "ins_ekf_open_loop": FixedMethod(
+        "`ins_ekf` with its errors estimated beside a free mechanization, never fed back"
+    ),
+    "ins_ekf_plain": FixedMethod(
+        "`ins_ekf` with GNSS alone: no odometer, no non-holonomic, no standstill updates"
+    ),
+    "ins_ekf_dahmane2022": FixedMethod(
+        "`ins_ekf_plain` with the simplified error model of [Dahmane2022], its slips repaired"
+    ),
+    "ins_ekf_dahmane2022_open": FixedMethod(
+        "the same in open loop: the KF/INS column of that paper's tables"
+    ),
+    "ins_ekf": FixedMethod(
+        "the honest filter of a full IMU: GNSS, odometer, non-holonomic and standstill updates"
     ),
     "rts": FixedMethod(
         "the honest filter smoothed from the fixes before the outage and for 120 s after it",
@@ -42,6 +57,12 @@ FIXED_METHODS: Final[dict[str, FixedMethod]] = {
     ),
     "perfect_azimuth": FixedMethod("the reference's azimuth with the filter's odometer", "oracle"),
 }
+
+COMPARED_WITH: Final = ("ekf", "ekf_plain")
+"""Baselines that gains are counted from; the first that a recipe runs is the honest one."""
+
+INS_COMPARED_WITH: Final = ("ins_ekf", "ins_ekf_open_loop", "ins_ekf_plain")
+"""The same where ``mechanization.sensors`` is ``imu``."""
 
 BASELINES: Final = ("dead_reckoning", "ekf_plain", "ekf")
 """Methods that learn nothing and know nothing but the past."""

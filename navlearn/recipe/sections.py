@@ -27,6 +27,26 @@ class GyroErrorSection(Section):
     seed: Seed = 0
 
 
+class AidingSection(Section):
+    """Fixes and odometer made from the log's reference: semi-real data.
+
+    Attributes:
+        grade: Sensor grade whose GNSS and odometer figures are taken, such as ``mems_m``.
+        fix_rate_hz: Rate of the fixes.
+        fix_noise: White noise of their position, m, in place of the grade's errors of position.
+        odometer: Whether an odometer is made.
+        odometer_rate_hz: Its rate.
+        seed: Seed of the draws.
+    """
+
+    grade: str = "mems_m"
+    fix_rate_hz: Positive = 1.0
+    fix_noise: Positive | None = None
+    odometer: bool = True
+    odometer_rate_hz: Positive = 10.0
+    seed: Seed = 0
+
+
 class LogSource(Section):
     """Where the drive is: a descriptor of ``datasets/``, or a path and its format.
 
@@ -36,12 +56,15 @@ class LogSource(Section):
         format: Reader of ``path``: ``native``, ``csv``, ``navinst`` or ``canedge``, or a descriptor
             whose layout is applied; recognised where left out.
         gyro: A synthetic error to add to the log's gyro; None leaves it as it was recorded.
+        aiding: Fixes and odometer to make from the reference, for logs that have none of their
+            own; None takes what the log has.
     """
 
     descriptor: Path | None = None
     path: Path | None = None
     format: str | None = None
     gyro: GyroErrorSection | None = None
+    aiding: AidingSection | None = None
 
     @model_validator(mode="after")
     def _one_source(self) -> "LogSource":
@@ -57,11 +80,18 @@ class MechanizationSection(Section):
 
     Attributes:
         dims: 2 for the horizontal plane, 3 with tilt from the accelerometers and the odometer.
-        rate_hz: Rate at which the mechanization steps.
+        rate_hz: Rate at which the mechanization of one gyro and odometer steps.
+        sensors: Of what ``dead_reckoning`` and ``rts`` are made: ``riss``, one gyro and the
+            odometer; or ``imu``, the full IMU.
+        imu_rate_hz: Rate at which the strapdown mechanization steps; null for the log's own.
+        imu_max_gap_s: Longest gap in the full IMU that may be bridged.
     """
 
     dims: Literal[2, 3] = 2
     rate_hz: Annotated[float, Field(gt=0, le=1000)] = 10.0
+    sensors: Literal["riss", "imu"] = "riss"
+    imu_rate_hz: Annotated[float, Field(gt=0, le=10000)] | None = None
+    imu_max_gap_s: Positive = 0.5
 
 
 class OutageSection(Section):
@@ -70,6 +100,7 @@ class OutageSection(Section):
     Attributes:
         placement: ``spread`` evenly, ``listed`` times, ``random``, or ``by_dynamics``.
         count: How many outages; for ``listed`` the number of ``times_s``.
+        fewer: Whether a drive into which fewer fit (one at least) has fewer.
         duration_s: Length of each outage.
         warm_up_s: Time from the log's start before which no outage starts.
         warm_up_moving_s: Time the car must have moved before the first outage.
@@ -88,6 +119,7 @@ class OutageSection(Section):
 
     placement: Literal["spread", "listed", "random", "by_dynamics"] = "spread"
     count: Count = _PLACED.count
+    fewer: bool = _PLACED.fewer
     duration_s: Positive = _PLACED.duration
     warm_up_s: NotNegative = _PLACED.warm_up
     warm_up_moving_s: NotNegative = _PLACED.warm_up_moving

@@ -13,6 +13,7 @@ from navlearn.logs.nearest import nearest_hint
 from navlearn.recipe.anarx_spec import AnarxSpec
 from navlearn.recipe.augmented_spec import AugmentedSpec
 from navlearn.recipe.azimuth_spec import AzimuthSpec
+from navlearn.recipe.ins_anarx_spec import InsAnarxSpec
 from navlearn.recipe.pseudo_outage_spec import PseudoOutageSpec
 from navlearn.recipe.spec_base import SafeguardSpec, SpecBase
 from navlearn.recipe.strict import parse
@@ -23,6 +24,7 @@ KINDS: Final[dict[str, type[SpecBase]]] = {
     "augmented": AugmentedSpec,
     "pseudo_outage": PseudoOutageSpec,
     "azimuth_window": AzimuthSpec,
+    "ins_anarx": InsAnarxSpec,
 }
 """Class of a spec by its ``type``; a spec that tells none is ANARX's."""
 
@@ -40,6 +42,13 @@ BUILT_IN: Final[dict[str, SpecBase]] = {
         AzimuthSpec(name="iqbal2020_safe", structure="pci"),
         AzimuthSpec(name="shen2010", structure="fos", filter="shen2010", safeguard=_RAW),
         AzimuthSpec(name="shen2010_safe", structure="fos"),
+        InsAnarxSpec(name="ins_ekf+anarx"),
+        InsAnarxSpec(name="ins_ekf+anarx_open", training="open_loop"),
+        InsAnarxSpec(name="jaradat2017", mode="paper", safeguard=_RAW),
+        InsAnarxSpec(
+            name="jaradat2017_closed", mode="paper", training="closed_loop", safeguard=_RAW
+        ),
+        InsAnarxSpec(name="jaradat2017_safe", mode="paper"),
     )
 }
 """Models that a method's name alone calls for."""
@@ -53,7 +62,8 @@ ModelSpec = Annotated[
     Annotated[AnarxSpec, Tag("anarx")]
     | Annotated[AugmentedSpec, Tag("augmented")]
     | Annotated[PseudoOutageSpec, Tag("pseudo_outage")]
-    | Annotated[AzimuthSpec, Tag("azimuth_window")],
+    | Annotated[AzimuthSpec, Tag("azimuth_window")]
+    | Annotated[InsAnarxSpec, Tag("ins_anarx")],
     Discriminator(_kind_of),
 ]
 """Any of the specs."""

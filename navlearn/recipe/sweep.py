@@ -1,9 +1,10 @@
-"""Sweeps: one question over many drives, classes of gyros and lengths of outages.
+"""Sweeps: one question over many drives, classes of sensors and lengths of outages.
 
-A sweep is a recipe with a ``sweep`` section in place of ``log``: drives that are simulated, or
-a real drive with a stated gyro error added, drawn anew per seed.
+A sweep is a recipe with a ``sweep`` section in place of ``log``: drives that are simulated, a
+real drive with a stated gyro error added, drawn anew per seed, or several real drives.
 """
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
@@ -12,14 +13,17 @@ from pydantic import AfterValidator, Field, model_validator
 from navlearn.logs.nearest import nearest_hint
 from navlearn.recipe.document import Recipe, absolute_source, own_content
 from navlearn.recipe.experiment_base import Experiment, Titled
-from navlearn.recipe.filter_options import checked_filter
-from navlearn.recipe.sections import LogSource
+from navlearn.recipe.filter_options import checked_filter, checked_ins_filter
+from navlearn.recipe.sections import AidingSection, LogSource
 from navlearn.recipe.spec_base import Count, Positive, Seed
 from navlearn.recipe.strict import Section, parse
-from navlearn.recipe.yaml_file import read_yaml
+from navlearn.recipe.yaml_file import YamlFile, read_yaml
 
 CLASSES: Final = {"mems_l": "L", "mems_m": "M", "mems_x": "X", "tactical": "T"}
 """Short names of classes of gyros, by grade; other grades go by their own."""
+
+RECORDED: Final = "recorded"
+"""Class of drives whose sensors are their own."""
 
 
 def _each_once(values: tuple[Any, ...]) -> tuple[Any, ...]:
@@ -112,7 +116,53 @@ class DegradedDrives(Drives):
         return self
 
 
-SweptDrives = Annotated[SimulatedDrives | DegradedDrives, Field(discriminator="type")]
+class RecordedDrives(Section):
+    """Several real drives as they were recorded, one class together.
+
+    Attributes:
+        type: Kind of drives.
+        logs: The drives.
+        aiding: Fixes and odometer to make from the reference of every drive that tells none of
+            its own; the seed grows by one from drive to drive.
+        durations_s: Lengths of outages; each is placed on every drive into which one fits.
+    """
+
+    type: Literal["recorded"]
+    logs: Annotated[tuple[LogSource, ...], Field(min_length=1)]
+    aiding: AidingSection | None = None
+    durations_s: Durations = (60.0,)
+
+    @property
+    def grades(self) -> tuple[str, ...]:
+        """The one class of all drives."""
+        return (RECORDED,)
+
+    @property
+    def drives(self) -> int:
+        """Number of drives."""
+        return len(self.logs)
+
+    @property
+    def seeds(self) -> tuple[int, ...]:
+        """Numbers of the drives, by which rows are kept apart."""
+        return tuple(range(len(self.logs)))
+
+    def source(self, number: int) -> LogSource:
+        """Return where a drive is, with its aiding.
+
+        Args:
+            number: Which drive.
+        """
+        source = self.logs[number]
+        if source.aiding is not None or self.aiding is None:
+            return source
+        aiding = self.aiding.model_copy(update={"seed": self.aiding.seed + number})
+        return source.model_copy(update={"aiding": aiding})
+
+
+SweptDrives = Annotated[
+    SimulatedDrives | DegradedDrives | RecordedDrives, Field(discriminator="type")
+]
 
 
 class ManyDrives(Titled):
@@ -125,9 +175,17 @@ class ManyDrives(Titled):
     sweep: SweptDrives
 
 
-def _filters_of_grades(filters: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
+ByGrade = dict[str, dict[str, Any]]
+
+
+def _filters_of_grades(filters: ByGrade) -> ByGrade:
     _known_grades(tuple(filters))
     return {grade: checked_filter(options) for grade, options in filters.items()}
+
+
+def _ins_filters_of_grades(filters: ByGrade) -> ByGrade:
+    _known_grades(tuple(filters))
+    return {grade: checked_ins_filter(options) for grade, options in filters.items()}
 
 
 class SweepRecipe(Experiment, ManyDrives):
@@ -136,10 +194,14 @@ class SweepRecipe(Experiment, ManyDrives):
     Attributes:
         filter_by_grade: Options of the filter by grade, laid over ``filter``: what the data sheet
             of a gyro, or drives that are not scored, tell of its noise. For every method alike.
+        ins_filter_by_grade: The same of the full-IMU filter, laid over ``ins_filter``.
     """
 
-    filter_by_grade: Annotated[dict[str, dict[str, Any]], AfterValidator(_filters_of_grades)] = (
-        Field(default_factory=dict)
+    filter_by_grade: Annotated[ByGrade, AfterValidator(_filters_of_grades)] = Field(
+        default_factory=dict
+    )
+    ins_filter_by_grade: Annotated[ByGrade, AfterValidator(_ins_filters_of_grades)] = Field(
+        default_factory=dict
     )
 
     @model_validator(mode="before")
@@ -158,10 +220,10 @@ class SweepRecipe(Experiment, ManyDrives):
 
     @model_validator(mode="after")
     def _filters_are_of_grades_swept(self) -> "SweepRecipe":
-        for grade in self.filter_by_grade:
+        for grade in (*self.filter_by_grade, *self.ins_filter_by_grade):
             if grade not in self.sweep.grades:
                 raise ValueError(
-                    f"filter_by_grade: {grade!r} is not among the grades of the sweep: "
+                    f"filters by grade: {grade!r} is not among the grades of the sweep: "
                     f"{', '.join(self.sweep.grades)}"
                 )
         return self
@@ -172,11 +234,15 @@ class SweepRecipe(Experiment, ManyDrives):
         Args:
             grade: Sensor grade; None for what all have in common.
         """
-        merged = dict(self.filter)
-        for name, value in self.filter_by_grade.get(grade or "", {}).items():
-            both = isinstance(value, dict) and isinstance(merged.get(name), dict)
-            merged[name] = {**merged[name], **value} if both else value
-        return merged
+        return _laid_over(self.filter, self.filter_by_grade.get(grade or "", {}))
+
+    def ins_filter_of(self, grade: str | None) -> dict[str, Any]:
+        """Return the full-IMU filter's options for a grade, as :meth:`filter_of` does.
+
+        Args:
+            grade: Sensor grade; None for what all have in common.
+        """
+        return _laid_over(self.ins_filter, self.ins_filter_by_grade.get(grade or "", {}))
 
     def for_drive(self, name: str, duration: float, grade: str | None = None) -> Recipe:
         """Return the recipe of one drive of the sweep.
@@ -188,6 +254,7 @@ class SweepRecipe(Experiment, ManyDrives):
         """
         shared = {key: getattr(self, key) for key in Experiment.model_fields}
         shared["filter"] = self.filter_of(grade)
+        shared["ins_filter"] = self.ins_filter_of(grade)
         shared["outages"] = self.outages.model_copy(update={"duration_s": duration})
         return Recipe.model_construct(**shared, log=LogSource(path=Path(name)))
 
@@ -203,11 +270,21 @@ class SweepRecipe(Experiment, ManyDrives):
         """
         content = self.model_dump()
         del content["outages"]["duration_s"]
-        if drives is not None:
+        if drives is not None and "logs" in content["sweep"]:
+            content["sweep"]["logs"] = content["sweep"]["logs"][:drives]
+        elif drives is not None:
             content["sweep"]["drives"] = drives
         if outages is not None:
             content["outages"]["count"] = outages
         return parse(SweepRecipe, content, file=self.name)
+
+
+def _laid_over(common: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
+    merged = dict(common)
+    for name, value in own.items():
+        both = isinstance(value, dict) and isinstance(merged.get(name), dict)
+        merged[name] = {**merged[name], **value} if both else value
+    return merged
 
 
 def load_sweep(path: str | Path) -> SweepRecipe:
@@ -226,7 +303,16 @@ def load_sweep(path: str | Path) -> SweepRecipe:
     if isinstance(section, dict) and isinstance(section.get("log"), dict):
         placed = absolute_source(section["log"], file)
         content["sweep"] = {**section, "log": placed}
+    if isinstance(section, dict) and isinstance(section.get("logs"), list):
+        logs = [_log_entry(entry, file) for entry in section["logs"]]
+        content["sweep"] = {**section, "logs": logs}
     return parse(SweepRecipe, content, file=file)
+
+
+def _log_entry(entry: Any, file: YamlFile) -> Any:
+    """Return a log's entries with absolute paths; a bare text names a descriptor."""
+    named = {"descriptor": entry} if isinstance(entry, str) else entry
+    return absolute_source(named, file) if isinstance(named, dict) else named
 
 
 def is_sweep(path: str | Path) -> bool:
