@@ -49,7 +49,7 @@ class DriveLog:
 
     Attributes:
         imu: Inertial samples.
-        odometer: Odometer samples.
+        odometer: Odometer samples; no rows where the car has no odometer.
         fixes: GNSS solutions.
         reference: A better solution to judge with, or None.
         metadata: What is known beside the samples.

@@ -18,9 +18,9 @@ from navlearn.errors import ConfigError, LogError
 from navlearn.logs.clock import without_latency
 from navlearn.logs.drive_log import DriveLog
 from navlearn.logs.fix_tensors import FixOptions, fixes_from_table
+from navlearn.logs.imu_means import imu_mean, sampling_of
 from navlearn.logs.interval_means import (
     FloatArray,
-    Sampling,
     interval_means,
     longest_gap,
     typical_period,
@@ -119,15 +119,17 @@ def riss_timeline(
     )
 
 
-def _sampling(log: DriveLog, table: str) -> Sampling:
-    return "interval" if table in log.metadata.interval_means else "instant"
-
-
 def _span(log: DriveLog, name: str, table: pd.DataFrame) -> tuple[float, float]:
     t = table["t"].to_numpy(np.float64)
     if t.size == 0:
-        raise LogError(f"{log.metadata.name}: {name} has no rows; there is nothing to resample")
-    lead = typical_period(t) if _sampling(log, name) == "interval" else 0.0
+        remedy = (
+            "a single gyro navigates only with an odometer; use a log with wheel or OBD-II speed, "
+            "or all six axes of the IMU (imu_timeline, mechanization.sensors: imu)"
+            if name == "odometer"
+            else "there is nothing to resample"
+        )
+        raise LogError(f"{log.metadata.name}: {name} has no rows; {remedy}")
+    lead = typical_period(t) if sampling_of(log, name) == "interval" else 0.0
     return float(t[0]) - lead, float(t[-1])
 
 
@@ -162,7 +164,7 @@ def _samples(log: DriveLog, edges: FloatArray, options: ResampleOptions) -> Riss
     zero = np.zeros(edges.size - 1)
 
     def mean(column: str) -> FloatArray:
-        return _imu_mean(log, column, edges, options.max_imu_gap)
+        return imu_mean(log, column, edges, options.max_imu_gap)
 
     still = stationary_intervals(
         edges,
@@ -177,7 +179,7 @@ def _samples(log: DriveLog, edges: FloatArray, options: ResampleOptions) -> Riss
         ),
         options=options.stationary,
     )
-    speed_mean = interval_means(odometer_t, speed, edges, sampling=_sampling(log, "odometer"))
+    speed_mean = interval_means(odometer_t, speed, edges, sampling=sampling_of(log, "odometer"))
     channels = (
         np.diff(edges),
         mean("gyro_z"),
@@ -189,22 +191,6 @@ def _samples(log: DriveLog, edges: FloatArray, options: ResampleOptions) -> Riss
         still.astype(np.float64),
     )
     return RissSample(*(torch.tensor(channel) for channel in channels))
-
-
-def _imu_mean(log: DriveLog, column: str, edges: FloatArray, max_gap: float) -> FloatArray:
-    if column not in log.imu or log.imu[column].isna().all():
-        return np.zeros(edges.size - 1)
-    known = log.imu[log.imu[column].notna()]
-    t = known["t"].to_numpy(np.float64)
-    start, length = longest_gap(t, float(edges[0]), float(edges[-1]))
-    if length > max_gap:
-        raise LogError(
-            f"{log.metadata.name}: imu column {column} has no value for {length:.2f} s after t = "
-            f"{start:.2f} s, more than the {max_gap:g} s that may be bridged; cut the log there "
-            "(DriveLog.between), drop the column or raise max_imu_gap"
-        )
-    values = known[column].to_numpy(np.float64)
-    return interval_means(t, values, edges, sampling=_sampling(log, "imu"))
 
 
 def _with_tilt(samples: RissSample, log: DriveLog, options: TiltOptions) -> RissSample:
