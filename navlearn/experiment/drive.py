@@ -18,10 +18,12 @@ from navlearn.logs.quality import Estimate, gnss_latency, odometer_latency
 from navlearn.logs.reading import read_log, read_sensor_truth
 from navlearn.logs.resample import ResampleOptions, RissTimeline, riss_timeline
 from navlearn.logs.sensor_truth import SensorTruth
+from navlearn.logs.synthetic import SimulatedDrive, jaradat2017_scenario, simulate_drive
 from navlearn.logs.synthetic.degrade import degrade_gyro, degraded_drive
 from navlearn.outages.placement import place_outages
 from navlearn.outages.schedule import Placement
 from navlearn.recipe import Recipe
+from navlearn.recipe.sections import SCENARIO, SimulatedSection
 
 CLEAR = 3.0
 """A latency is removed where it is this many of its own standard deviations from zero, ..."""
@@ -55,8 +57,29 @@ def open_log(recipe: Recipe) -> DriveLog:
         LogNotFoundError: It does not exist.
         LogError: It cannot be used as it is.
     """
-    log, added = read_log(_path_of(recipe), format=recipe.log.format), recipe.log.gyro
-    return log if added is None else degrade_gyro(log, added.grade, added.seed)
+    log, added = _own_log(recipe), recipe.log.gyro
+    log = log if added is None else degrade_gyro(log, added.grade, added.seed)
+    return log
+
+
+def _own_log(recipe: Recipe) -> DriveLog:
+    """Return the log that a recipe names, as it was recorded or simulated."""
+    made = recipe.log.simulated
+    if made is not None:
+        return _simulated(made).log
+    return read_log(_path_of(recipe), format=recipe.log.format)
+
+
+def _simulated(made: SimulatedSection) -> SimulatedDrive:
+    if made.profile == SCENARIO:
+        return jaradat2017_scenario(made.seed)
+    return simulate_drive(
+        profile=made.profile,
+        grade=made.grade,
+        duration=made.duration_s,
+        seed=made.seed,
+        imu_rate_hz=made.imu_rate_hz,
+    )
 
 
 def sensor_truth_of(recipe: Recipe) -> SensorTruth | None:
@@ -68,10 +91,12 @@ def sensor_truth_of(recipe: Recipe) -> SensorTruth | None:
     Raises:
         LogError: It is there and cannot be used.
     """
-    added = recipe.log.gyro
+    added, made = recipe.log.gyro, recipe.log.simulated
     if added is None:
-        return read_sensor_truth(_path_of(recipe))
-    log = read_log(_path_of(recipe), format=recipe.log.format)
+        return (
+            read_sensor_truth(_path_of(recipe)) if made is None else _simulated(made).sensor_truth
+        )
+    log = _own_log(recipe)
     return degraded_drive(log, added.grade, added.seed).truth
 
 

@@ -27,7 +27,7 @@ from navlearn.experiment.run import digest_of
 from navlearn.logs.drive_log import DriveLog
 from navlearn.logs.formats.csv_tables import read_frame
 from navlearn.logs.sensor_truth import SensorTruth
-from navlearn.logs.synthetic import simulate_drive
+from navlearn.logs.synthetic import jaradat2017_scenario, simulate_drive
 from navlearn.logs.synthetic.degrade import degraded_drive
 from navlearn.outages.known_log import sees_after
 from navlearn.outages.replay import BatchMethod, Method, Solution, replay
@@ -37,6 +37,7 @@ from navlearn.recipe.sweep import (
     CLASSES,
     DegradedDrives,
     RecordedDrives,
+    ScenarioDrives,
     SimulatedDrives,
     SweepRecipe,
 )
@@ -161,6 +162,9 @@ def make_drive(recipe: SweepRecipe, grade: str, seed: int) -> tuple[DriveLog, Se
             name=f"{source.profile}_{grade}_{seed}",
         )
         return made.log, made.sensor_truth
+    if isinstance(source, ScenarioDrives):
+        made = jaradat2017_scenario(seed)
+        return made.log, made.sensor_truth
     if isinstance(source, RecordedDrives):
         return real_drive(recipe, seed), None
     degraded = degraded_drive(real_drive(recipe), grade, seed)
@@ -179,9 +183,9 @@ def real_drive(recipe: SweepRecipe, number: int = 0) -> DriveLog:
         LogError: It cannot be used as it is.
         ConfigError: The sweep's drives are simulated.
     """
-    if isinstance(recipe.sweep, SimulatedDrives):
-        raise ConfigError(f"{recipe.name}: its drives are simulated; there is no real one")
     sweep = recipe.sweep
+    if isinstance(sweep, SimulatedDrives | ScenarioDrives):
+        raise ConfigError(f"{recipe.name}: its drives are simulated; there is no real one")
     source = sweep.log if isinstance(sweep, DegradedDrives) else sweep.source(number)
     return open_log(recipe.for_drive("real", 1.0).model_copy(update={"log": source}))
 

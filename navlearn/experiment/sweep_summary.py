@@ -8,10 +8,18 @@ import pandas as pd
 from navlearn.experiment.summary import filter_and_training
 from navlearn.experiment.sweep_jobs import CPU, Failure, gyro_class
 from navlearn.logs.synthetic.grades import find_grade
+from navlearn.logs.synthetic.jaradat2017 import GRADE as SCENARIO_GRADE
 from navlearn.outages.run_summary import MethodSummary
 from navlearn.outages.sweep_summary import SweepCell, SweepSummary
 from navlearn.recipe.fixed_methods import FIXED_METHODS
-from navlearn.recipe.sweep import RECORDED, RecordedDrives, SimulatedDrives, SweepRecipe
+from navlearn.recipe.sections import SCENARIO
+from navlearn.recipe.sweep import (
+    RECORDED,
+    RecordedDrives,
+    ScenarioDrives,
+    SimulatedDrives,
+    SweepRecipe,
+)
 
 
 def sweep_summary(
@@ -112,7 +120,7 @@ def _words(grade: str) -> str:
     """Return what a grade stands for, without the class that it names itself."""
     if grade == RECORDED:
         return "drives as they were recorded"
-    summary = find_grade(grade).summary
+    summary = (SCENARIO_GRADE if grade == SCENARIO else find_grade(grade)).summary
     return summary.partition(": ")[2] if summary.startswith("class ") else summary
 
 
@@ -127,6 +135,8 @@ def _origin(recipe: SweepRecipe) -> str:
         return f"{sweep.drives} recorded drives{made}."
     first, last = sweep.seeds[0], sweep.seeds[-1]
     seeds = f"seeds {first} to {last}" if sweep.drives > 1 else f"seed {first}"
+    if isinstance(sweep, ScenarioDrives):
+        return f"Simulated: the scenario of [Jaradat2017] §IV, {sweep.drives} draws, {seeds}."
     if isinstance(sweep, SimulatedDrives):
         return (
             f"Simulated drives: {sweep.drives} per class of {sweep.duration_s:g} s, profile "

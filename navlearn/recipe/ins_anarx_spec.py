@@ -10,7 +10,6 @@ from navlearn.recipe.spec_base import (
     Count,
     NotNegative,
     Positive,
-    SafeguardSpec,
     Seed,
     SpecBase,
 )

@@ -1,14 +1,18 @@
 """The sections of a recipe, one class each."""
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Final, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
+from navlearn.logs.nearest import nearest_hint
 from navlearn.outages.published import PublishedTable
 from navlearn.outages.schedule import OutageProtocol
 from navlearn.recipe.spec_base import Count, NotNegative, Positive, Seed
 from navlearn.recipe.strict import Section
+
+SCENARIO: Final = "jaradat2017"
+"""Profile that is a paper's simulated scenario."""
 
 Dynamics = Literal["straight", "turn", "stop", "motorway", "hill"]
 
@@ -47,14 +51,46 @@ class AidingSection(Section):
     seed: Seed = 0
 
 
+class SimulatedSection(Section):
+    """A drive that the simulator makes when the recipe is run.
+
+    Attributes:
+        profile: Kind of road; or ``jaradat2017``, the scenario of that paper's section IV, which
+            has its own sensors, length and rates.
+        grade: Sensor grade.
+        duration_s: Length of the drive.
+        imu_rate_hz: Rate of the inertial samples.
+        seed: Seed of road and sensors.
+    """
+
+    profile: str = "mixed"
+    grade: str = "mems_m"
+    duration_s: Positive = 1800.0
+    imu_rate_hz: Annotated[float, Field(gt=0, le=1000)] = 100.0
+    seed: Seed = 0
+
+    @model_validator(mode="after")
+    def _profile_exists(self) -> "SimulatedSection":
+        from navlearn.logs.synthetic.profile import PROFILES
+
+        known = (*PROFILES, SCENARIO)
+        if self.profile not in known:
+            raise ValueError(
+                f"unknown profile {self.profile!r}{nearest_hint(self.profile, known)}; "
+                f"known: {', '.join(known)}"
+            )
+        return self
+
+
 class LogSource(Section):
-    """Where the drive is: a descriptor of ``datasets/``, or a path and its format.
+    """Where the drive is: a descriptor of ``datasets/``, a path and its format, or a simulation.
 
     Attributes:
         descriptor: YAML descriptor of a published log.
         path: Log file or folder, for logs that need no descriptor.
         format: Reader of ``path``: ``native``, ``csv``, ``navinst`` or ``canedge``, or a descriptor
             whose layout is applied; recognised where left out.
+        simulated: A drive to simulate.
         gyro: A synthetic error to add to the log's gyro; None leaves it as it was recorded.
         aiding: Fixes and odometer to make from the reference, for logs that have none of their
             own; None takes what the log has.
@@ -63,13 +99,18 @@ class LogSource(Section):
     descriptor: Path | None = None
     path: Path | None = None
     format: str | None = None
+    simulated: SimulatedSection | None = None
     gyro: GyroErrorSection | None = None
     aiding: AidingSection | None = None
 
     @model_validator(mode="after")
     def _one_source(self) -> "LogSource":
-        if (self.descriptor is None) == (self.path is None):
-            raise ValueError("give either 'descriptor' or 'path' (with 'format'), not both or none")
+        given = [self.descriptor, self.path, self.simulated]
+        if sum(one is not None for one in given) != 1:
+            raise ValueError(
+                "give one of 'descriptor', 'path' (with 'format') and 'simulated', not several "
+                "or none"
+            )
         if self.format is not None and self.path is None:
             raise ValueError("'format' belongs to 'path'; a descriptor names its own format")
         return self

@@ -14,7 +14,7 @@ from navlearn.logs.nearest import nearest_hint
 from navlearn.recipe.document import Recipe, absolute_source, own_content
 from navlearn.recipe.experiment_base import Experiment, Titled
 from navlearn.recipe.filter_options import checked_filter, checked_ins_filter
-from navlearn.recipe.sections import AidingSection, LogSource
+from navlearn.recipe.sections import SCENARIO, AidingSection, LogSource
 from navlearn.recipe.spec_base import Count, Positive, Seed
 from navlearn.recipe.strict import Section, parse
 from navlearn.recipe.yaml_file import YamlFile, read_yaml
@@ -116,6 +116,34 @@ class DegradedDrives(Drives):
         return self
 
 
+class ScenarioDrives(Section):
+    """A paper's simulated scenario, its noise drawn anew per seed.
+
+    Attributes:
+        type: Kind of drives.
+        scenario: Which one: that of [Jaradat2017] §IV.
+        drives: How many draws.
+        first_seed: Seed of the first; the next ones follow.
+        durations_s: Lengths of outages; each is placed on every drive.
+    """
+
+    type: Literal["scenario"]
+    scenario: Literal["jaradat2017"] = SCENARIO
+    drives: Count = 20
+    first_seed: Seed = 0
+    durations_s: Durations = (5.0,)
+
+    @property
+    def grades(self) -> tuple[str, ...]:
+        """The one class of all drives."""
+        return (self.scenario,)
+
+    @property
+    def seeds(self) -> tuple[int, ...]:
+        """Seeds of the drives."""
+        return tuple(range(self.first_seed, self.first_seed + self.drives))
+
+
 class RecordedDrives(Section):
     """Several real drives as they were recorded, one class together.
 
@@ -161,7 +189,8 @@ class RecordedDrives(Section):
 
 
 SweptDrives = Annotated[
-    SimulatedDrives | DegradedDrives | RecordedDrives, Field(discriminator="type")
+    SimulatedDrives | DegradedDrives | ScenarioDrives | RecordedDrives,
+    Field(discriminator="type"),
 ]
 
 

@@ -2,18 +2,20 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from navlearn.experiment.drive import set_clocks, timeline_of
+from navlearn.errors import ConfigError
+from navlearn.experiment.drive import open_log, sensor_truth_of, set_clocks, timeline_of
 from navlearn.logs.clock import without_latency
 from navlearn.logs.drive_log import DriveLog
-from navlearn.logs.synthetic import GRADES, simulate_drive
+from navlearn.logs.synthetic import GRADES, jaradat2017_scenario, simulate_drive
 from navlearn.outages.known_log import known_log
 from navlearn.outages.schedule import Outage
-from navlearn.recipe import Recipe
+from navlearn.recipe import Recipe, load_recipe
 
 MakeRecipe = Callable[..., Recipe]
 LATE = {"odometer": 0.4, "gnss": 0.25}
@@ -112,3 +114,21 @@ def test_a_drive_cut_at_an_outage_reaches_its_end(
     assert float(line.t[-1]) == pytest.approx(261.8)
     held = line.samples.speed[-18:]
     assert held.tolist() == pytest.approx([float(cut.odometer["speed"].iloc[-1])] * 18)
+
+
+def test_a_recipe_may_simulate_its_drive(tmp_path: Path) -> None:
+    def recipe(simulated: str) -> Recipe:
+        path = tmp_path / "recipe.yaml"
+        path.write_text(f"name: a\nlog: {{simulated: {simulated}}}\n", encoding="utf-8")
+        return load_recipe(path)
+
+    made = recipe("{profile: town, grade: tactical, duration_s: 60, imu_rate_hz: 20, seed: 11}")
+    expected = simulate_drive(
+        profile="town", grade="tactical", duration=60.0, imu_rate_hz=20.0, seed=11
+    )
+    pd.testing.assert_frame_equal(open_log(made).imu, expected.log.imu)
+    assert sensor_truth_of(made).gyro_error.tolist() == expected.sensor_truth.gyro_error.tolist()
+    scenario = open_log(recipe("{profile: jaradat2017, seed: 3}"))
+    pd.testing.assert_frame_equal(scenario.fixes, jaradat2017_scenario(3).log.fixes)
+    with pytest.raises(ConfigError, match=r"unknown profile 'towns'.*town"):
+        recipe("{profile: towns}")
