@@ -21,6 +21,13 @@ DimsOption = Annotated[
     int, typer.Option("--dims", help="Mechanization: 2 in the plane, 3 with tilt.")
 ]
 RateOption = Annotated[float, typer.Option("--rate", help="Steps of the mechanization, Hz.")]
+SensorsOption = Annotated[
+    str,
+    typer.Option(
+        "--sensors",
+        help="Of what dead_reckoning and rts are made: riss (one gyro and odometer) or imu.",
+    ),
+]
 SeedOption = Annotated[int, typer.Option("--seed", help="Seed of all that is drawn.")]
 ModelOption = Annotated[
     list[Path] | None,

@@ -14,6 +14,7 @@ from navlearn.cli.arguments import (
     RateOption,
     RunFolderOption,
     SeedOption,
+    SensorsOption,
     split_numbers,
     split_words,
 )
@@ -48,6 +49,7 @@ def evaluate(
     ] = None,
     dims: DimsOption = 2,
     rate: RateOption = 10.0,
+    sensors: SensorsOption = "riss",
     seed: SeedOption = 0,
     force: ForceOption = False,
     quiet: QuietOption = False,
@@ -69,7 +71,7 @@ def evaluate(
         methods=split_words(methods),
         models=model or (),
         outage_options=protocol,
-        mechanization={"dims": dims, "rate_hz": rate},
+        mechanization={"dims": dims, "rate_hz": rate, "sensors": sensors},
         seed=seed,
     )
     run_and_show(recipe, out, force=force, progress=not quiet)
