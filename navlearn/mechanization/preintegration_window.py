@@ -1,0 +1,286 @@
+"""Preintegration: what the IMU says over a window, whatever state the window starts from.
+
+[Forster2017] §VI, with the sums written so that nothing but a product of quaternions is
+recursive. With R_k the rotation in the middle of sample k, a_k = R_k Δv_k the velocity it adds
+and τ_k the time from its middle to the end, velocity and position increments are Σ a_k and
+Σ τ_k a_k. What a small rotation at sample j does to both is the cross product with what is still
+to come, A_j = Σ_{k>j} a_k and P_j = Σ_{k>j} τ_k a_k. So every Jacobian is a sum over samples of
+(1, τ, A, P) times R, every covariance one of (1, A, P) times (1, A, P): one small matrix product
+per window gives all of them.
+
+Increments are inertial: gravity, Earth rate and the start velocity come in with
+:func:`navlearn.mechanization.preintegration_predict.predict`.
+"""
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from navlearn.errors import ShapeError
+from navlearn.mechanization.preintegration_sums import by_force, by_rate, covariance_of
+from navlearn.mechanization.preintegration_turn import (
+    Quaternion,
+    prefix_products,
+    quaternions_of,
+)
+
+
+class Preintegrated(NamedTuple):
+    """Increments over a window, in the body frame at its start, against inertial space.
+
+    Errors of the increments are in the order of the error state: position 0:3, velocity 3:6,
+    rotation 6:9 (the small rotation ψ on the left, R̂ = (I + [ψ×]) R), all in the start's axes.
+    Sensor parameters are in the order of the filter: gyro bias 0:3, accelerometer bias 3:6 and,
+    when asked for, gyro scale factor 6:9, accelerometer scale factor 9:12.
+
+    Attributes:
+        duration: Length of the window, s, shape (...).
+        rotation: Unit quaternion that turns the body at the end into the body at the start,
+            scalar first, shape (..., 4).
+        velocity: ∫ R f dt, m/s, shape (..., 3).
+        position: ∫∫ R f dt dt, m, shape (..., 3).
+        by_sensor: Derivative of the increments in the sensor parameters that were taken off,
+            shape (..., 9, 6) or (..., 9, 12).
+        covariance: Covariance of the increments by white noise, shape (..., 9, 9).
+    """
+
+    duration: Tensor
+    rotation: Tensor
+    velocity: Tensor
+    position: Tensor
+    by_sensor: Tensor
+    covariance: Tensor
+
+
+def preintegrate(
+    omega_ib_b: Tensor,
+    f_b: Tensor,
+    dt: Tensor,
+    *,
+    gyro_random_walk: float | Tensor = 0.0,
+    accel_random_walk: float | Tensor = 0.0,
+    gyro_bias: Tensor | None = None,
+    accel_bias: Tensor | None = None,
+    gyro_scale: Tensor | None = None,
+    accel_scale: Tensor | None = None,
+    scale_factors: bool = False,
+) -> Preintegrated:
+    """Integrate windows of mean rates and forces, all at once.
+
+    Within a sample rate and force are taken as constant in the body frame.
+
+    Args:
+        omega_ib_b: Mean angular rate of each interval as measured, rad/s, shape (..., n, 3).
+        f_b: Mean specific force of each interval as measured, m/s², shape (..., n, 3).
+        dt: Length of each interval, s, shape (..., n); zero marks padding and moves nothing.
+        gyro_random_walk: Density of the gyros' white noise, the same for the three axes, rad/√s,
+            shape () or (..., n).
+        accel_random_walk: Density of the accelerometers' white noise, m/s/√s, shape () or (...).
+        gyro_bias: Taken off the rate, rad/s, shape (..., 3); None means zero.
+        accel_bias: Taken off the force, m/s², shape (..., 3); None means zero.
+        gyro_scale: Scale factor, measured = (1 + s) true + bias, shape (..., 3); None means zero.
+        accel_scale: The same of the accelerometers.
+        scale_factors: Whether to differentiate in the scale factors, too.
+
+    Returns:
+        Increments, shape (...).
+
+    Raises:
+        ShapeError: If rate, force and intervals do not go together.
+    """
+    _check(omega_ib_b, f_b, dt)
+    step = dt.reshape(-1, dt.shape[-1])
+    turn = _channels(_true(omega_ib_b, gyro_bias, gyro_scale)) * step
+    speed = _channels(_true(f_b, accel_bias, accel_scale)) * step
+    bent = _cross(turn, speed)
+    # ∫ exp([ω]s) f ds seen from the middle of the sample is (I + [θ×]²/24) f dt
+    middle = torch.add(speed, _cross(turn, bent), alpha=1.0 / 24.0)
+    pre = _integrated(
+        Increments(turn, middle, bent, step), gyro_random_walk, accel_random_walk, scale_factors
+    )
+    return _in_windows(pre, dt.shape[:-1], gyro_scale, accel_scale)
+
+
+def preintegrate_increments(
+    rotation: Tensor,
+    velocity: Tensor,
+    dt: Tensor,
+    *,
+    gyro_random_walk: float | Tensor = 0.0,
+    accel_random_walk: float | Tensor = 0.0,
+    gyro_scale: Tensor | None = None,
+    accel_scale: Tensor | None = None,
+    scale_factors: bool = False,
+) -> Preintegrated:
+    """Integrate windows of increments that are compensated for coning and sculling.
+
+    Args:
+        rotation: Rotation vector of each interval, rad, shape (..., n, 3).
+        velocity: Velocity increment of each interval in the body frame at its start, turning
+            within the interval compensated, m/s, shape (..., n, 3).
+        dt: Length of each interval, s, shape (..., n); zero marks padding, whose increments must
+            be zero, too.
+        gyro_random_walk: Density of the gyros' white noise, the same for the three axes, rad/√s,
+            shape () or (..., n).
+        accel_random_walk: Density of the accelerometers' white noise, m/s/√s, shape () or (...).
+        gyro_scale: Scale factor that was taken off the rate, for the derivatives alone, shape
+            (..., 3); None means zero.
+        accel_scale: The same of the accelerometers.
+        scale_factors: Whether to differentiate in the scale factors, too.
+
+    Returns:
+        Increments, shape (...).
+
+    Raises:
+        ShapeError: If rotation, velocity and intervals do not go together.
+    """
+    _check(rotation, velocity, dt)
+    turn, speed = _channels(rotation), _channels(velocity)
+    bent = _cross(turn, speed)
+    # back by half the rotation; the fourth order is far below what an increment resolves
+    middle = torch.add(speed, bent, alpha=-0.5).add(_cross(turn, bent), alpha=0.125)
+    step = dt.reshape(-1, dt.shape[-1])
+    pre = _integrated(
+        Increments(turn, middle, bent, step), gyro_random_walk, accel_random_walk, scale_factors
+    )
+    return _in_windows(pre, dt.shape[:-1], gyro_scale, accel_scale)
+
+
+class Increments(NamedTuple):
+    """Samples of N windows, vectors as (3, N, n).
+
+    Attributes:
+        turn: Rotation vector, rad.
+        speed: Velocity increment seen from the body in the middle of the sample, m/s.
+        bent: Rotation times velocity increment, rad m/s.
+        dt: Length, s, shape (N, n).
+    """
+
+    turn: Tensor
+    speed: Tensor
+    bent: Tensor
+    dt: Tensor
+
+
+def _integrated(
+    samples: Increments,
+    gyro_random_walk: float | Tensor,
+    accel_random_walk: float | Tensor,
+    scale_factors: bool,
+) -> Preintegrated:
+    dt = samples.dt
+    step = quaternions_of(samples.turn)
+    after = prefix_products(step)
+    R = _matrices_in_the_middle(after, step[0])
+    past = torch.cumsum(dt, -1)
+    duration = past[:, -1:]
+    tau = torch.add(duration - past, dt, alpha=0.5)
+    rows = (R[:3], R[3:6], R[6:])
+    speed = [_row_times(row, samples.speed) for row in rows]
+    # a force that turns with the body moves it less than half its velocity times the sample
+    curve = dt / -12.0
+    way = [
+        torch.addcmul(tau * v, curve, _row_times(r, samples.bent))
+        for v, r in zip(speed, rows, strict=True)
+    ]
+    added = torch.stack((*way, *speed), 1)
+    sums = torch.cumsum(added, -1)
+    total = sums[..., -1]
+    # half of the sample itself: what its rotation does to its own increment
+    to_come = torch.add(total.unsqueeze(-1) - sums, added, alpha=0.5)
+    told = torch.cat((to_come, torch.stack((tau, torch.ones_like(tau)), 1)), 1)
+    turned = torch.stack(R, 1).transpose(-1, -2)
+    timed = told * dt.unsqueeze(1)
+    moments = (timed @ turned).unflatten(-1, (3, 3))
+    by_sensor = [by_rate(moments), by_force(moments)]
+    if scale_factors:
+        in_turn = (told @ (turned * _columns(samples.turn))).unflatten(-1, (3, 3))
+        in_speed = (told @ (turned * _columns(samples.speed))).unflatten(-1, (3, 3))
+        by_sensor += [by_rate(in_turn), by_force(in_speed)]
+    gyro = torch.as_tensor(gyro_random_walk, dtype=dt.dtype, device=dt.device) ** 2
+    accel = torch.as_tensor(accel_random_walk, dtype=dt.dtype, device=dt.device) ** 2
+    if gyro.dim() > 0:
+        timed = timed * gyro.reshape(-1, 1, gyro.shape[-1])
+        gyro = torch.ones_like(duration)
+    covariance = covariance_of(timed @ told.transpose(-1, -2), gyro, accel, duration)
+    return Preintegrated(
+        duration.squeeze(-1),
+        torch.stack([x[:, -1] for x in after], -1),
+        total[:, 3:],
+        total[:, :3],
+        torch.cat(by_sensor, -1),
+        covariance,
+    )
+
+
+def _in_windows(
+    pre: Preintegrated, shape: torch.Size, gyro_scale: Tensor | None, accel_scale: Tensor | None
+) -> Preintegrated:
+    """Return N windows in the shape they came in, derivatives by what was measured."""
+    laid = Preintegrated(*(x.reshape((*shape, *x.shape[1:])) for x in pre))
+    if gyro_scale is None and accel_scale is None:
+        return laid
+    one = torch.ones_like(laid.position)
+    gains = [one if x is None else 1.0 + x.expand_as(one) for x in (gyro_scale, accel_scale)]
+    gain = torch.cat(gains * (laid.by_sensor.shape[-1] // 6), -1)
+    return laid._replace(by_sensor=laid.by_sensor / gain.unsqueeze(-2))
+
+
+def _check(rate: Tensor, force: Tensor, dt: Tensor) -> None:
+    if rate.shape != force.shape or rate.shape != (*dt.shape, 3) or dt.shape[-1:] == (0,):
+        raise ShapeError(
+            f"preintegration: rate {tuple(rate.shape)}, force {tuple(force.shape)} and intervals "
+            f"{tuple(dt.shape)} do not go together; expected (..., n, 3) twice and (..., n)"
+        )
+
+
+def _true(measured: Tensor, bias: Tensor | None, scale: Tensor | None) -> Tensor:
+    if bias is not None:
+        measured = measured - bias.unsqueeze(-2)
+    return measured if scale is None else measured / (1.0 + scale.unsqueeze(-2))
+
+
+def _channels(vectors: Tensor) -> Tensor:
+    """Return (..., n, 3) as (3, N, n), each channel in one piece."""
+    return vectors.reshape(-1, vectors.shape[-2], 3).permute(2, 0, 1).contiguous()
+
+
+def _cross(left: Tensor, right: Tensor) -> Tensor:
+    (a, b, c), (x, y, z) = left.unbind(0), right.unbind(0)
+    return torch.stack((_less(b * z, c, y), _less(c * x, a, z), _less(a * y, b, x)))
+
+
+def _columns(channels: Tensor) -> Tensor:
+    """Return (3, N, n) so that it multiplies the columns of flattened matrices (N, n, 9)."""
+    return channels.permute(1, 2, 0).repeat(1, 1, 3)
+
+
+def _matrices_in_the_middle(after: Quaternion, cosine: Tensor) -> list[Tensor]:
+    """Return the rotation in the middle of every sample, entries by rows.
+
+    The sum of the quaternions before and after a sample points at its middle; its length is
+    that of 2 cos(θ/4).
+    """
+    shrink = torch.rsqrt(1.0 + cosine)
+    w, x, y, z = (
+        (q + torch.nn.functional.pad(q[:, :-1], (1, 0), value=1.0 if k == 0 else 0.0)) * shrink
+        for k, q in enumerate(after)
+    )
+    xy, xz, yz = x * y, x * z, y * z
+    more, less = torch.addcmul, _less
+    one = torch.ones((), dtype=w.dtype, device=w.device)
+    return [
+        *(less(less(one, y, y), z, z), less(xy, w, z), more(xz, w, y)),
+        *(more(xy, w, z), less(less(one, x, x), z, z), less(yz, w, x)),
+        *(less(xz, w, y), more(yz, w, x), less(less(one, x, x), y, y)),
+    ]
+
+
+def _less(total: Tensor, left: Tensor, right: Tensor) -> Tensor:
+    return torch.addcmul(total, left, right, value=-1.0)
+
+
+def _row_times(row: list[Tensor], vector: Tensor) -> Tensor:
+    x, y, z = vector.unbind(0)
+    return torch.addcmul(torch.addcmul(row[0] * x, row[1], y), row[2], z)
