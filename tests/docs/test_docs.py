@@ -45,6 +45,8 @@ def test_conventions_show_the_columns_of_the_code(name: str) -> None:
 
 
 def as_written(value: object) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
     return "null" if value is None else f"{value:g}" if isinstance(value, float) else str(value)
 
 
