@@ -85,16 +85,34 @@ def trajectory_of_blocks(line: Timeline, inside: Trajectory, after: NavState) ->
     flat = Trajectory(*(channel.flatten(1) for channel in inside))
     if not blocks.even:
         flat = Trajectory(*(gathered(channel, blocks.place) for channel in flat))
+    corrected = [
+        at_ends(blocks, channel, values) for channel, values in zip(flat[:4], after, strict=True)
+    ]
+    lat, lon, height, azimuth = corrected
+    return Trajectory(lat, lon, height, azimuth, flat.v_e, flat.v_n, flat.v_u)
+
+
+def at_ends(blocks: Blocks, channel: Tensor, values: Tensor) -> Tensor:
+    """Return a channel with other values at the ends of blocks.
+
+    Args:
+        blocks: Blocks.
+        channel: Shape (B, T) or (B, T, d).
+        values: Shape (B, K) or (B, K, d).
+
+    Returns:
+        Shape of ``channel``.
+    """
     # where several blocks end at one sample only the last may receive a gradient
     last = blocks.closes > 0.5
     final = torch.where(last, torch.arange(last.shape[1], device=last.device), last.shape[1])
     final = torch.flip(torch.cummin(torch.flip(final, (1,)), 1).values, (1,))
-    corrected = []
-    for channel, values in zip(flat[:4], after, strict=True):
-        value = torch.where(last, values, torch.gather(values, 1, final).detach())
-        corrected.append(torch.scatter(channel, 1, blocks.end, value))
-    lat, lon, height, azimuth = corrected
-    return Trajectory(lat, lon, height, azimuth, flat.v_e, flat.v_n, flat.v_u)
+    end = blocks.end
+    if channel.dim() == 3:
+        wide = (*end.shape, channel.shape[-1])
+        last, end = last.unsqueeze(-1), end.unsqueeze(-1).expand(wide)
+    value = torch.where(last, values, gathered(values, final).detach())
+    return torch.scatter(channel, 1, end, value)
 
 
 def fixes_at_ends(blocks: Blocks, fixes: GnssFix, timing: FixTiming) -> tuple[GnssFix, Tensor]:

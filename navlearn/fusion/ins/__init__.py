@@ -1,0 +1,1 @@
+"""Full IMU and GNSS together: error dynamics, updates, the loosely coupled filter."""

@@ -1,0 +1,169 @@
+"""The loosely coupled error-state filter of a full IMU: strapdown corrected by GNSS.
+
+[Groves2013] ch. 14, [Noureldin2013] ch. 8. ``sequential`` goes sample by sample and is the oracle.
+"""
+
+from typing import Literal
+
+import torch
+from torch import Tensor, nn
+
+from navlearn.errors import ConfigError, ShapeError
+from navlearn.filters.ins_belief import InsBelief, map_ins_belief
+from navlearn.fusion.ins.checks import check_ins_history, check_ins_inputs
+from navlearn.fusion.ins.history import InsHistory
+from navlearn.fusion.ins.model import ins_filter_model
+from navlearn.fusion.ins.noise import InsNoise, ins_noise_from_log, log_ins_noise
+from navlearn.fusion.ins.options import InsEkfOptions
+from navlearn.fusion.ins.recursion import InsCarried, end_ins_block, run_ins_loop
+from navlearn.fusion.ins.sequential import predict_ins_in_turn, predict_ins_sample
+from navlearn.fusion.ins.timeline import InsOccasion, InsRest, ins_timeline
+from navlearn.states import FixTiming, GnssFix, ImuSample, InsState
+
+Method = Literal["exact", "fast", "sequential"]
+
+
+class InsEkf(nn.Module):
+    """Loosely coupled full-IMU filter over drives, differentiable end to end.
+
+    ``log_noise`` holds the logarithms of all noise densities in the order of
+    :class:`navlearn.fusion.ins.noise.InsNoise`; it is a parameter that does not ask for gradients
+    until ``requires_grad_(True)``.
+    """
+
+    def __init__(self, options: InsEkfOptions | None = None) -> None:
+        """Make the options ready.
+
+        Args:
+            options: Choices; None means the defaults.
+        """
+        super().__init__()
+        self.options = options or InsEkfOptions()
+        self.model = ins_filter_model(self.options)
+        self.log_noise = nn.Parameter(log_ins_noise(self.options.noise), requires_grad=False)
+
+    @property
+    def noise(self) -> InsNoise:
+        """Noise densities and deviations as they stand."""
+        return ins_noise_from_log(self.log_noise)
+
+    def forward(
+        self,
+        start: InsBelief,
+        samples: ImuSample,
+        fixes: GnssFix,
+        timing: FixTiming,
+        *,
+        method: Method = "exact",
+    ) -> InsHistory:
+        """Run the filter over drives.
+
+        Args:
+            start: Belief before the first sample, batch shape (B,) or ().
+            samples: Samples, shape (B, T) or (T,) each, vectors (B, T, 3) or (T, 3).
+            fixes: GNSS solutions, shape (B, M) or (M,) each; M may be 0.
+            timing: Where they fall among the samples.
+            method: Form of the filter; ``history.method`` says which ran.
+
+        Returns:
+            History; without batch axis where the input had none.
+
+        Raises:
+            ConfigError: If the method is unknown.
+            ShapeError: If a tensor has the wrong shape or type.
+            LogError: If samples or fixes are not finite or not in SI units, or fixes are out of
+                order or range.
+            FilterDivergedError: If a state or variance is lost on the way.
+        """
+        if method not in ("exact", "fast", "sequential"):
+            raise ConfigError(f"filter: found method {method!r}; choose exact, fast or sequential")
+        if samples.dt.dim() == 1:
+            batched = self.forward(
+                map_ins_belief(start, _unsqueezed),
+                ImuSample(*map(_unsqueezed, samples)),
+                GnssFix(*map(_unsqueezed, fixes)),
+                FixTiming(*map(_unsqueezed, timing)),
+                method=method,
+            )
+            return _without_batch(batched)
+        if samples.dt.dim() != 2 or samples.dt.shape[-1] == 0:
+            raise ShapeError(
+                f"filter: samples have shape {tuple(samples.dt.shape)}; expected (B, T) or (T,) "
+                "with at least one sample"
+            )
+        check_ins_inputs(self.model, start, samples, fixes, timing)
+        line = ins_timeline(self.model, samples, fixes, timing)
+        history = run_ins_loop(
+            self.model, start, line, self.noise, predict_ins_in_turn, "sequential"
+        )
+        check_ins_history(self.model, history, samples)
+        return history
+
+    def step(self, belief: InsBelief, sample: ImuSample) -> InsBelief:
+        """Predict one sample, as a car does while driving.
+
+        Args:
+            belief: Belief before the interval, batch shape (...).
+            sample: The sample, shape (...) each.
+
+        Returns:
+            Belief after the interval.
+        """
+        return predict_ins_sample(self.model, belief, sample, self.noise)[0]
+
+    def update(
+        self,
+        belief: InsBelief,
+        fix: GnssFix,
+        sample: ImuSample,
+        *,
+        delay: Tensor | None = None,
+        rest: InsRest | None = None,
+        aided: Tensor | None = None,
+    ) -> InsBelief:
+        """Update with a fix, odometer and axle, standstill, or all at the end of an interval.
+
+        Args:
+            belief: Belief after the interval, batch shape (...).
+            fix: The fix, shape (...) each; ``has_position`` and ``has_velocity`` 0 for none.
+            sample: The interval's sample, shape (...) each.
+            delay: End of the interval minus the fix's time, s, shape (...); None means zero.
+            rest: Standstill up to now that has not been used yet; None means none.
+            aided: 1.0 where odometer and axle shall be used, shape (...); None means nowhere.
+
+        Returns:
+            Belief after the update, errors fed back.
+        """
+        zero = torch.zeros_like(sample.dt)
+        occasion = InsOccasion(
+            fix,
+            zero if delay is None else delay,
+            sample,
+            InsRest(zero, torch.zeros_like(sample.omega_ib_b), zero) if rest is None else rest,
+            zero if aided is None else aided,
+        )
+        carried = InsCarried(belief, torch.zeros_like(belief.covariance[..., 0]))
+        return end_ins_block(self.model, carried, occasion, self.noise)[1].belief
+
+
+def _unsqueezed(x: Tensor) -> Tensor:
+    return x.unsqueeze(0)
+
+
+def _first(x: Tensor) -> Tensor:
+    return x[0]
+
+
+def _without_batch(history: InsHistory) -> InsHistory:
+    return history._replace(
+        end=history.end[0],
+        fix=history.fix[0],
+        prior=map_ins_belief(history.prior, _first),
+        belief=map_ins_belief(history.belief, _first),
+        trajectory=InsState(*map(_first, history.trajectory)),
+        innovation=history.innovation[0],
+        nis=history.nis[0],
+        verdict=history.verdict[0],
+        resets=history.resets[0],
+        error=history.error[0],
+    )

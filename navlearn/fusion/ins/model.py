@@ -1,0 +1,127 @@
+"""One full-IMU filter's choices made ready, and its linear dynamics."""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from navlearn.filters.consistency import chi_square_quantile
+from navlearn.fusion.ins.dahmane2022 import dahmane2022_dynamics
+from navlearn.fusion.ins.error_dynamics import Motion, phi_angle_dynamics
+from navlearn.fusion.ins.layout import ImuErrors, InsLayout, ins_layout
+from navlearn.fusion.ins.measurements import ins_rows
+from navlearn.fusion.ins.noise import InsNoise
+from navlearn.fusion.ins.options import InsEkfOptions
+from navlearn.fusion.measurements import Rows
+from navlearn.fusion.options import GateOptions
+
+
+@dataclass(frozen=True)
+class InsFilterModel:
+    """A filter's choices made ready.
+
+    Attributes:
+        options: The choices.
+        layout: Order of the error states.
+        rows: Rows of each kind of measurement.
+        limits: Largest NIS that the gate lets pass, per kind taken.
+    """
+
+    options: InsEkfOptions
+    layout: InsLayout
+    rows: Rows
+    limits: tuple[float, ...]
+
+    @property
+    def gate(self) -> GateOptions:
+        """When a measurement is refused."""
+        return self.options.gate
+
+    @property
+    def closed(self) -> bool:
+        """Whether estimated errors are fed back."""
+        return self.options.feedback == "closed"
+
+
+def ins_filter_model(options: InsEkfOptions) -> InsFilterModel:
+    """Return a filter's choices made ready.
+
+    Args:
+        options: The choices.
+
+    Returns:
+        Model.
+    """
+    rows = ins_rows(options)
+    limits = tuple(chi_square_quantile(options.gate.probability, n) for n in rows.count)
+    return InsFilterModel(options, ins_layout(options), rows, limits)
+
+
+def dynamics(model: InsFilterModel, motion: Motion, errors: ImuErrors) -> Tensor:
+    """Return F of the chosen error model.
+
+    Args:
+        model: The filter.
+        motion: Motion, batch shape (...).
+        errors: Sensor parameters, batch shape (...).
+
+    Returns:
+        F, 1/s, shape (..., n, n).
+    """
+    build = phi_angle_dynamics if model.options.model == "phi_angle" else dahmane2022_dynamics
+    return build(model.layout, motion, errors, model.options.correlation_time)
+
+
+def diffusion(layout: InsLayout, omega_ib_b: Tensor, noise: InsNoise) -> Tensor:
+    """Return the diagonal of the spectral density of the noise that drives the errors.
+
+    White noise of three like axes has no direction, so the attitude does not matter.
+
+    Args:
+        layout: Order of the error states.
+        omega_ib_b: Angular rate, rad/s, shape (..., 3).
+        noise: Noise densities.
+
+    Returns:
+        Density per error state, its unit squared per second, shape (..., n).
+    """
+    turn = (omega_ib_b * omega_ib_b).sum(-1)
+    per_axis = [
+        torch.zeros_like(turn),
+        (noise.accel_random_walk**2).expand(turn.shape),
+        noise.gyro_random_walk**2 + noise.turn_noise**2 * turn,
+    ]
+    for walk, there in (
+        (noise.gyro_bias_walk, layout.has_bias),
+        (noise.accel_bias_walk, layout.has_bias),
+        (noise.gyro_scale_walk, layout.has_scale),
+        (noise.accel_scale_walk, layout.has_scale),
+    ):
+        if there:
+            per_axis.append((walk**2).expand(turn.shape))
+    density = torch.stack(per_axis, -1).repeat_interleave(3, -1)
+    if not layout.odometer_scale:
+        return density
+    odometer = (noise.odometer_scale_walk**2).expand(turn.shape)
+    return torch.cat((density, odometer.unsqueeze(-1)), -1)
+
+
+def discretized(dynamics: Tensor, density: Tensor, dt: Tensor) -> tuple[Tensor, Tensor]:
+    """Return transition and process noise of a short interval.
+
+    The exponential to second order and Q = ½ (Φ Qc Φᵀ + Qc) Δt: over a hundredth of a second that
+    is Van Loan's to 1e-8. [Groves2013] Eq. (3.23), (14.79).
+
+    Args:
+        dynamics: F, 1/s, shape (..., n, n).
+        density: Diagonal of Qc, shape (..., n).
+        dt: Length of the interval, s, shape (...).
+
+    Returns:
+        Φ and Q, shape (..., n, n) each.
+    """
+    step = dynamics * dt[..., None, None]
+    eye = torch.eye(step.shape[-1], dtype=step.dtype, device=step.device)
+    transition = eye + step + 0.5 * step @ step
+    half = torch.diag_embed(0.5 * density * dt.unsqueeze(-1))
+    return transition, half + transition @ half @ transition.transpose(-1, -2)

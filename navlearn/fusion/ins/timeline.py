@@ -1,0 +1,135 @@
+"""A batch of full-IMU drives laid out in blocks, with what is measured at the end of each."""
+
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from navlearn.fusion.blocks import Blocks, cut, gathered, samples_in_blocks
+from navlearn.fusion.ins.model import InsFilterModel
+from navlearn.fusion.standstill import stationary_tail
+from navlearn.fusion.timeline import at_ends, at_least_one_fix, fixes_at_ends
+from navlearn.states import FixTiming, GnssFix, ImuSample, InsState
+
+
+class InsRest(NamedTuple):
+    """Standstill at the end of blocks, shape (...) each.
+
+    Attributes:
+        duration: How long the car has stood still at the block's end, within the block, s.
+        omega_ib_b: Mean of the measured angular rate meanwhile, rad/s, shape (..., 3).
+        standing: How long the car has stood still, earlier blocks included, s.
+    """
+
+    duration: Tensor
+    omega_ib_b: Tensor
+    standing: Tensor
+
+
+class InsOccasion(NamedTuple):
+    """What there is to measure at the end of a block, shape (...) each.
+
+    Attributes:
+        fix: GNSS solution; ``has_position`` and ``has_velocity`` are 0 where none is.
+        delay: End of the block minus the fix's time, s.
+        last: Last sample of the block.
+        rest: Standstill at the block's end.
+        aided: 1.0 where odometer and axle may be used, 0.0 where they were used just before.
+    """
+
+    fix: GnssFix
+    delay: Tensor
+    last: ImuSample
+    rest: InsRest
+    aided: Tensor
+
+
+class InsTimeline(NamedTuple):
+    """Drives in blocks.
+
+    Attributes:
+        blocks: Where the blocks are.
+        samples: Samples, shape (B, K, n) each, vectors (B, K, n, 3).
+        occasion: What there is to measure at the end of each block, shape (B, K) each.
+    """
+
+    blocks: Blocks
+    samples: ImuSample
+    occasion: InsOccasion
+
+
+def ins_timeline(
+    model: InsFilterModel, samples: ImuSample, fixes: GnssFix, timing: FixTiming
+) -> InsTimeline:
+    """Return drives laid out in blocks.
+
+    Args:
+        model: The filter.
+        samples: Samples, shape (B, T) each, vectors (B, T, 3).
+        fixes: Fixes, shape (B, M) each; M may be 0.
+        timing: Where they fall, shape (B, M) each.
+
+    Returns:
+        Timeline.
+    """
+    fixes, timing = at_least_one_fix(fixes, timing, samples.dt)
+    blocks = cut(samples.dt, timing.index, model.options.max_block)
+    laid = samples_in_blocks(samples, blocks)
+    fix, delay = fixes_at_ends(blocks, fixes, timing)
+    last = ImuSample(*(gathered(channel, blocks.end) for channel in samples))
+    aided = _spaced(laid.dt.sum(-1), model.options.aiding_interval)
+    return InsTimeline(blocks, laid, InsOccasion(fix, delay, last, ins_rest_at_end(laid), aided))
+
+
+def ins_rest_at_end(samples: ImuSample) -> InsRest:
+    """Return what the gyros measured over the stationary tail of blocks.
+
+    Args:
+        samples: Samples of consecutive blocks, shape (..., K, n) each; dt = 0 pads.
+
+    Returns:
+        Standstill, batch shape (..., K); zero where the car moves at the block's end.
+    """
+    weight, duration, standing = stationary_tail(samples.dt, samples.stationary)
+    mean = (weight.unsqueeze(-1) * samples.omega_ib_b).sum(-2)
+    return InsRest(duration, mean / duration.clamp(min=1e-9).unsqueeze(-1), standing)
+
+
+def _spaced(length: Tensor, interval: float) -> Tensor:
+    """Return 1.0 at the ends of blocks that lie an interval after the last such end.
+
+    Args:
+        length: Lengths of blocks, s, shape (B, K).
+        interval: Shortest time between two, s.
+    """
+    lengths = length.detach().cpu().numpy()
+    found = np.zeros(lengths.shape)
+    for row, chosen in zip(lengths, found, strict=True):
+        since = 0.0
+        for k, own in enumerate(row):
+            since += own
+            # a tenth of slack: blocks that share a gap evenly may be a little short
+            if own > 0.0 and since >= 0.9 * interval:
+                chosen[k], since = 1.0, 0.0
+    return torch.from_numpy(found).to(length)
+
+
+def ins_trajectory(line: InsTimeline, inside: InsState, after: InsState) -> InsState:
+    """Return the full-rate trajectory of what happened inside blocks.
+
+    Args:
+        line: The timeline.
+        inside: Prediction at every place of every block, batch shape (B, K, n).
+        after: State after the update at each block's end, batch shape (B, K).
+
+    Returns:
+        Trajectory, batch shape (B, T).
+    """
+    blocks = line.blocks
+    flat = InsState(*(channel.flatten(1, 2) for channel in inside))
+    if not blocks.even:
+        flat = InsState(*(gathered(channel, blocks.place) for channel in flat))
+    return InsState(
+        *(at_ends(blocks, channel, values) for channel, values in zip(flat, after, strict=True))
+    )
