@@ -7,6 +7,35 @@ import pandas as pd
 
 
 @dataclass(frozen=True, kw_only=True)
+class StatedStart:
+    """Where and how the car was at the beginning of a log's first interval, where that is known.
+
+    Most logs do not know it and are aligned by their fixes; a simulated scenario may state it.
+
+    Attributes:
+        lat: Latitude, rad.
+        lon: Longitude, rad.
+        height: Height above the ellipsoid, m.
+        v_e: Velocity to the east, m/s.
+        v_n: Velocity to the north, m/s.
+        v_u: Velocity up, m/s.
+        azimuth: Azimuth of the forward axis, rad.
+        pitch: Pitch, rad, nose up positive.
+        roll: Roll, rad, right side down positive.
+    """
+
+    lat: float
+    lon: float
+    height: float
+    v_e: float
+    v_n: float
+    v_u: float
+    azimuth: float
+    pitch: float
+    roll: float
+
+
+@dataclass(frozen=True, kw_only=True)
 class LogMetadata:
     """What is known about a drive beside its samples.
 
@@ -24,6 +53,7 @@ class LogMetadata:
         interval_means: Names of the tables whose samples are means over the interval that ends
             at their time; samples of the others hold at the instant of their time.
         sensors: Free text per sensor: make, grade, step, rate.
+        start: State of the car at the log's first sample, where it is known.
         is_truth: Whether ``reference`` is simulation truth rather than a better instrument.
         extra: Anything else a reader wishes to keep, as plain values.
     """
@@ -39,6 +69,7 @@ class LogMetadata:
     latency_removed: bool = False
     interval_means: tuple[str, ...] = ()
     sensors: Mapping[str, str] = field(default_factory=dict)
+    start: StatedStart | None = None
     is_truth: bool = False
     extra: Mapping[str, object] = field(default_factory=dict)
 

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from navlearn.errors import LogError, LogNotFoundError, NavlearnError, OutputExistsError
-from navlearn.logs.drive_log import DriveLog, LogMetadata
+from navlearn.logs.drive_log import DriveLog, LogMetadata, StatedStart
 from navlearn.logs.formats.native import load_log, save_log
 from navlearn.logs.reading import read_log
 
@@ -22,6 +22,9 @@ METADATA = LogMetadata(
     latency_removed=True,
     interval_means=("imu",),
     sensors={"imu": "grade, °/s"},
+    start=StatedStart(
+        lat=0.7, lon=-1.3, height=60.0, v_e=1.0, v_n=2.0, v_u=0.1, azimuth=0.4, pitch=0.0, roll=0.01
+    ),
     is_truth=True,
     extra={"seed": 3, "files": {"imu": "a.csv"}, "list": [1, 2.5]},
 )

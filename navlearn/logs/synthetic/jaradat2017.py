@@ -7,6 +7,7 @@ profiles and noise densities below are this package's. Its (5) wants gravitation
 gravity, which holds the centrifugal term, stands for G − Ω²P.
 """
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +17,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from navlearn import attitude, earth, frames, wgs84
-from navlearn.logs.drive_log import DriveLog
+from navlearn.logs.drive_log import DriveLog, StatedStart
 from navlearn.logs.synthetic.aiding import fix_table, local_gravity, reference_table
 from navlearn.logs.synthetic.draws import Array, generator
 from navlearn.logs.synthetic.figures import (
@@ -178,5 +179,21 @@ def _log(grade: SensorGrade, truth: Truth, imu: pd.DataFrame, seed: int) -> Driv
         odometer=pd.DataFrame({"t": at_fix.t, "speed": at_fix.kinematics.speed}),
         fixes=fixes.reset_index(drop=True),
         reference=reference_table(truth),
-        metadata=replace(about, sensors=sensors),
+        metadata=replace(about, sensors=sensors, start=_stated_start()),
+    )
+
+
+def _stated_start() -> StatedStart:
+    """Return the start, which the paper takes for known: its fixes tell no velocity to align by."""
+    lat, lon, height = ORIGIN
+    return StatedStart(
+        lat=lat,
+        lon=lon,
+        height=height,
+        v_e=START_SPEED * math.sin(START_AZIMUTH),
+        v_n=START_SPEED * math.cos(START_AZIMUTH),
+        v_u=0.0,
+        azimuth=START_AZIMUTH,
+        pitch=0.0,
+        roll=0.0,
     )

@@ -108,3 +108,13 @@ def test_seeds(scenario: SimulatedDrive) -> None:
     assert again.log.imu.equals(scenario.log.imu)
     assert again.log.fixes.equals(scenario.log.fixes)
     assert not other.log.fixes["t"].equals(scenario.log.fixes["t"])
+
+
+def test_the_stated_start_is_where_the_truth_begins(scenario: SimulatedDrive) -> None:
+    start, truth = scenario.log.metadata.start, scenario.log.reference
+    assert start is not None
+    assert truth is not None
+    first = truth.iloc[0]
+    assert first["t"] == 0.0
+    for name in ("lat", "lon", "height", "v_e", "v_n", "v_u", "azimuth", "pitch", "roll"):
+        assert getattr(start, name) == pytest.approx(first[name], abs=1e-8), name
