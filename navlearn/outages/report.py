@@ -11,7 +11,7 @@ from navlearn.outages.meaning import meaning, run_warnings
 from navlearn.outages.published import published_section
 from navlearn.outages.report_methods import in_order, methods_section
 from navlearn.outages.roles import real_time
-from navlearn.outages.run_summary import DriveSummary, RunSummary
+from navlearn.outages.run_summary import Chapter, DriveSummary, RunSummary
 from navlearn.outages.schedule import OutageProtocol
 
 MOST_OUTAGES = 60
@@ -52,6 +52,7 @@ def report_text(summary: RunSummary) -> str:
         *_setup(summary),
         *_exclusions(summary.drives),
         *_figures(summary),
+        *(line for chapter in summary.chapters for line in _chapter(chapter)),
         "\n## Every outage\n",
         *_outage_section(summary),
         "\n## Run it again\n",
@@ -123,8 +124,15 @@ def _figures(summary: RunSummary) -> list[str]:
         return [
             "\n## Figures\n\nNone were drawn; `pip install 'navlearn[report]'` and run again.\n"
         ]
-    pictures = [f"![{text}]({file})\n\n*{text}*\n" for file, text in summary.figures.items()]
-    return ["\n## Figures\n", *pictures]
+    return ["\n## Figures\n", *_pictures(summary.figures)]
+
+
+def _chapter(chapter: Chapter) -> list[str]:
+    return ["", *chapter.section, *_pictures(chapter.figures)]
+
+
+def _pictures(figures: Mapping[str, str]) -> list[str]:
+    return [f"![{text}]({file})\n\n*{text}*\n" for file, text in figures.items()]
 
 
 def _outage_section(summary: RunSummary) -> list[str]:

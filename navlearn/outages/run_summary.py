@@ -53,6 +53,19 @@ class MethodSummary:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Chapter:
+    """A part of a report that only some runs have.
+
+    Attributes:
+        section: Lines of Markdown, a heading first.
+        figures: Captions by file name, drawn below the text.
+    """
+
+    section: tuple[str, ...]
+    figures: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
 class RunSummary:
     """Everything a report tells.
 
@@ -74,6 +87,7 @@ class RunSummary:
         bootstrap_seed: Of the draws.
         figures: Captions of the figures by file name, relative to the report.
         published: Tables of papers, printed beside ours.
+        chapters: What only some runs have, before the table of every outage.
     """
 
     title: str
@@ -93,6 +107,7 @@ class RunSummary:
     bootstrap_seed: int = 0
     figures: Mapping[str, str] = field(default_factory=dict)
     published: tuple[PublishedTable, ...] = ()
+    chapters: tuple[Chapter, ...] = ()
 
 
 def comparisons(summary: RunSummary, baseline: str) -> dict[str, Comparison]:

@@ -22,7 +22,7 @@ from navlearn.outages.plots import plot_distribution, plot_error_growth
 from navlearn.outages.replay import Solution, join_replays, replay
 from navlearn.outages.report import report_text
 from navlearn.outages.results import write_results
-from navlearn.outages.run_summary import DriveSummary, MethodSummary, RunSummary
+from navlearn.outages.run_summary import Chapter, DriveSummary, MethodSummary, RunSummary
 from navlearn.outages.schedule import Outage, OutageProtocol
 from navlearn.outages.statistics import Comparison, compare
 from navlearn.outages.tables import write_outages_csv
@@ -148,6 +148,17 @@ def test_report_names_every_drive_and_warns_that_few_are_few(make_log: MakeLog) 
     assert "| two 6 | 870.0 |" in text
     assert "no evidence that it helps or harms, because 2 drives are too few" in text
     assert "This rests on 12 outages of 2 drives. A general claim needs" in text
+
+
+def test_a_chapter_stands_before_the_table_of_every_outage(
+    run: tuple[RunSummary, list[Scene]],
+) -> None:
+    chapter = Chapter(section=("## What it saw\n", "Little.\n"), figures={"saw.png": "The sight."})
+    text = report_text(replace(run[0], chapters=(chapter,)))
+    places = [text.index(part) for part in ("## What it saw", "](saw.png)", "## Every outage")]
+    assert places == sorted(places)
+    assert "Little." in text
+    assert "*The sight.*" in text
 
 
 def test_exclusions_are_listed_with_their_reason(
