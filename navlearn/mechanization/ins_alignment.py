@@ -10,12 +10,16 @@ import torch
 from torch import Tensor
 
 from navlearn.errors import LogError
-from navlearn.mechanization.ins_alignment_result import InsAlignment, InsAlignmentOptions
+from navlearn.mechanization.ins_alignment_result import (
+    InsAlignment,
+    InsAlignmentOptions,
+    stated_alignment,
+)
 from navlearn.mechanization.levelled_alignment import drives_forward, levelled_at, rest_before
 from navlearn.mechanization.matched_alignment import matched_at
 from navlearn.states import FixTiming, GnssFix, ImuSample
 
-__all__ = ["InsAlignment", "InsAlignmentOptions", "align_ins"]
+__all__ = ["InsAlignment", "InsAlignmentOptions", "align_ins", "stated_alignment"]
 
 RETRY = 2.0
 """A window of velocity matching that told too little is tried again after this time, s."""

@@ -1,7 +1,7 @@
 """What alignment of a full IMU is asked and what it answers."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal, NamedTuple
 
 import torch
@@ -13,7 +13,7 @@ from navlearn.errors import ConfigError
 from navlearn.mechanization.velocity_matching import MatchingOptions
 from navlearn.states import FixTiming, GnssFix, InsState
 
-Method = Literal["levelled+course", "velocity_matching"]
+Method = Literal["levelled+course", "velocity_matching", "stated"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,12 +67,16 @@ class InsAlignmentOptions:
                 f"{', '.join(known)}"
             )
 
+    def with_lever_arm(self, lever_arm: tuple[float, float, float]) -> "InsAlignmentOptions":
+        """Return the options for another antenna."""
+        return replace(self, lever_arm=lever_arm)
+
 
 class InsAlignment(NamedTuple):
     """Where and with what a full-IMU filter starts.
 
     Attributes:
-        sample: It starts at the end of this interval.
+        sample: It starts at the end of this interval; −1 before the first.
         state: Position of the fix, velocity and attitude of the IMU, scalars and vectors.
         attitude_sigma: Standard deviation of the attitude error about east, north and up, rad,
             shape (3,).
@@ -97,6 +101,38 @@ class InsAlignment(NamedTuple):
     accel_bias: Tensor
     accel_bias_sigma: Tensor
     method: Method
+
+
+def stated_alignment(
+    state: InsState, *, tilt: float, azimuth: float, position: float, velocity: float
+) -> InsAlignment:
+    """Return the alignment of a drive whose state before its first interval is known.
+
+    Args:
+        state: The state, no batch axes.
+        tilt: Standard deviation of pitch and roll, rad.
+        azimuth: Standard deviation of azimuth, rad.
+        position: Standard deviation of position east, north and up, m.
+        velocity: Standard deviation of each velocity component, m/s.
+
+    Returns:
+        Alignment before the first interval (``sample`` −1), biases zero and as uncertain as those
+        of a car that never stood.
+    """
+    like, assumed = state.v_l, InsAlignmentOptions()
+    return InsAlignment(
+        sample=-1,
+        state=state,
+        attitude_sigma=like.new_tensor([tilt, tilt, azimuth]),
+        position_sigma=position,
+        height_sigma=position,
+        velocity_sigma=torch.full_like(like, velocity),
+        gyro_bias=torch.zeros_like(like),
+        gyro_bias_sigma=torch.full_like(like, assumed.gyro_bias_sigma),
+        accel_bias=torch.zeros_like(like),
+        accel_bias_sigma=torch.full_like(like, assumed.matching.accel_bias_sigma),
+        method="stated",
+    )
 
 
 def state_at_fix(
