@@ -7,38 +7,28 @@ drive is made and replayed again within a minute.
 import hashlib
 import json
 import os
-import time
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 import torch
 
 import navlearn
-from navlearn.errors import ConfigError
 from navlearn.experiment.baselines import FilterRuns
-from navlearn.experiment.drive import open_log, prepare_log
+from navlearn.experiment.drive import prepare_log
 from navlearn.experiment.methods import build_methods
 from navlearn.experiment.oracles import truth_for
 from navlearn.experiment.run import digest_of
+from navlearn.experiment.sweep_drives import gyro_class, make_drive
+from navlearn.experiment.timed_method import timed
 from navlearn.logs.drive_log import DriveLog
 from navlearn.logs.formats.csv_tables import read_frame
 from navlearn.logs.sensor_truth import SensorTruth
-from navlearn.logs.synthetic import jaradat2017_scenario, simulate_drive
-from navlearn.logs.synthetic.degrade import degraded_drive
-from navlearn.outages.known_log import sees_after
-from navlearn.outages.replay import BatchMethod, Method, Solution, replay
-from navlearn.outages.schedule import Outage
+from navlearn.outages.replay import replay
 from navlearn.outages.tables import write_outages_csv
 from navlearn.recipe.sweep import (
-    CLASSES,
-    DegradedDrives,
-    RecordedDrives,
-    ScenarioDrives,
-    SimulatedDrives,
     SweepRecipe,
 )
 
@@ -79,15 +69,6 @@ class Failure:
     seed: int
     duration: float
     reason: str
-
-
-def gyro_class(grade: str) -> str:
-    """Return the short name of a class of gyros.
-
-    Args:
-        grade: Sensor grade.
-    """
-    return CLASSES.get(grade, grade)
 
 
 def rows_file(recipe: SweepRecipe, grade: str, seed: int, duration: float, source: str) -> str:
@@ -143,53 +124,6 @@ def run_job(job: SweepJob) -> list[Failure]:
     return failures
 
 
-def make_drive(recipe: SweepRecipe, grade: str, seed: int) -> tuple[DriveLog, SensorTruth | None]:
-    """Return a drive of a sweep, and what a simulation knows of its gyro.
-
-    Args:
-        recipe: The sweep.
-        grade: Sensor grade.
-        seed: Seed of the drive.
-    """
-    source = recipe.sweep
-    if isinstance(source, SimulatedDrives):
-        made = simulate_drive(
-            profile=source.profile,
-            grade=grade,
-            duration=source.duration_s,
-            seed=seed,
-            imu_rate_hz=source.imu_rate_hz,
-            name=f"{source.profile}_{grade}_{seed}",
-        )
-        return made.log, made.sensor_truth
-    if isinstance(source, ScenarioDrives):
-        made = jaradat2017_scenario(seed)
-        return made.log, made.sensor_truth
-    if isinstance(source, RecordedDrives):
-        return real_drive(recipe, seed), None
-    degraded = degraded_drive(real_drive(recipe), grade, seed)
-    return degraded.log, degraded.truth
-
-
-def real_drive(recipe: SweepRecipe, number: int = 0) -> DriveLog:
-    """Return a real drive of a sweep: the one that gyro errors are put on, or one of several.
-
-    Args:
-        recipe: A sweep over real drives.
-        number: Which of several.
-
-    Raises:
-        LogNotFoundError: It does not exist.
-        LogError: It cannot be used as it is.
-        ConfigError: The sweep's drives are simulated.
-    """
-    sweep = recipe.sweep
-    if isinstance(sweep, SimulatedDrives | ScenarioDrives):
-        raise ConfigError(f"{recipe.name}: its drives are simulated; there is no real one")
-    source = sweep.log if isinstance(sweep, DegradedDrives) else sweep.source(number)
-    return open_log(recipe.for_drive("real", 1.0).model_copy(update={"log": source}))
-
-
 def outage_rows(
     job: SweepJob, log: DriveLog, truth: SensorTruth | None, duration: float
 ) -> pd.DataFrame:
@@ -216,60 +150,6 @@ def outage_rows(
         for name, start in zip(found.rows["method"], found.rows["start_s"], strict=True)
     ]
     return found.rows.assign(gyro_class=gyro_class(job.grade), **{CPU: spent})
-
-
-class TimedMethod:
-    """A method and the processor time that it took."""
-
-    def __init__(self, method: Method) -> None:
-        """Wrap a method.
-
-        Args:
-            method: The method; what it may see after an outage stays the same.
-        """
-        self.method = method
-        self.sees_after = sees_after(method)
-        self.spent: dict[float, float] = {}
-
-    def predict(self, log: DriveLog, outage: Outage) -> Solution:
-        """Return the method's solution.
-
-        Args:
-            log: What the method may know.
-            outage: The outage.
-        """
-        before = time.process_time()
-        try:
-            return self.method.predict(log, outage)
-        finally:
-            self.spent[outage.start] = time.process_time() - before
-
-
-class TimedBatchMethod(TimedMethod):
-    """A method that takes several outages at once; each counts for its share of the time."""
-
-    def predict_many(self, logs: Sequence[DriveLog], outages: Sequence[Outage]) -> list[Solution]:
-        """Return the method's solutions.
-
-        Args:
-            logs: What the method may know, per outage.
-            outages: The outages.
-        """
-        before = time.process_time()
-        many: Any = self.method
-        made: list[Solution] = many.predict_many(logs, outages)
-        each = (time.process_time() - before) / len(outages)
-        self.spent |= {outage.start: each for outage in outages}
-        return made
-
-
-def timed(method: Method) -> TimedMethod:
-    """Return a method that notes its processor time, several outages at once where it can.
-
-    Args:
-        method: The method.
-    """
-    return TimedBatchMethod(method) if isinstance(method, BatchMethod) else TimedMethod(method)
 
 
 def write_rows(file: Path, rows: pd.DataFrame) -> None:

@@ -1,7 +1,7 @@
 """What the drives of a sweep are made of, looked at before anything is run."""
 
 from navlearn.errors import ConfigError, LogError
-from navlearn.experiment.sweep_jobs import real_drive
+from navlearn.experiment.sweep_drives import real_drive
 from navlearn.outages.placement import place_outages
 from navlearn.outages.store import log_fingerprint
 from navlearn.recipe.sweep import DegradedDrives, RecordedDrives, SweepRecipe

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 import pandas as pd
 
 from navlearn.experiment.summary import filter_and_training
-from navlearn.experiment.sweep_jobs import CPU, Failure, gyro_class
+from navlearn.experiment.sweep_drives import gyro_class
+from navlearn.experiment.sweep_jobs import CPU, Failure
 from navlearn.logs.synthetic.grades import find_grade
 from navlearn.logs.synthetic.jaradat2017 import GRADE as SCENARIO_GRADE
 from navlearn.outages.run_summary import MethodSummary

@@ -14,7 +14,9 @@ import yaml
 from navlearn.errors import ConfigError, FitError, LogError, OutputExistsError
 from navlearn.experiment import run_recipe, sweep, sweep_jobs
 from navlearn.experiment.sweep import SweepResult, run_sweep
-from navlearn.experiment.sweep_jobs import SweepJob, TimedMethod, make_drive, read_rows, rows_file
+from navlearn.experiment.sweep_drives import make_drive
+from navlearn.experiment.sweep_jobs import SweepJob, read_rows, rows_file
+from navlearn.experiment.timed_method import TimedMethod
 from navlearn.logs.formats.native import save_log
 from navlearn.outages.known_log import sees_after
 from navlearn.recipe.strict import parse
