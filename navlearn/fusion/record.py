@@ -1,11 +1,12 @@
 """From the ends of blocks to a history: beliefs at block starts, and the path between."""
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import torch
 from torch import Tensor
 
 from navlearn.filters.belief import Belief
+from navlearn.filters.ins_belief import InsBelief
 from navlearn.fusion.block_motion import move_block
 from navlearn.fusion.filter_model import FilterModel
 from navlearn.fusion.gating import Judged
@@ -13,7 +14,9 @@ from navlearn.fusion.history import FilterHistory
 from navlearn.fusion.measurements import Verdict
 from navlearn.fusion.shen_transition import move_offset
 from navlearn.fusion.timeline import Timeline, trajectory_of_blocks
-from navlearn.states import NavState, Trajectory
+from navlearn.states import Trajectory
+
+AnyBelief = TypeVar("AnyBelief", Belief, InsBelief)
 
 
 class Ended(NamedTuple):
@@ -66,7 +69,7 @@ def history(
     )
 
 
-def starts_of_blocks(start: Belief, after: Belief) -> Belief:
+def starts_of_blocks(start: AnyBelief, after: AnyBelief) -> AnyBelief:
     """Return the beliefs with which blocks start, from those with which they ended.
 
     Args:
@@ -80,9 +83,10 @@ def starts_of_blocks(start: Belief, after: Belief) -> Belief:
     def shift(first: Tensor, rest: Tensor) -> Tensor:
         return torch.cat((first.unsqueeze(1), rest[:, :-1]), 1)
 
-    state = NavState(*(shift(a, b) for a, b in zip(start.state, after.state, strict=True)))
+    pairs = zip(start.state, after.state, strict=True)
+    state = type(start.state)(*(shift(a, b) for a, b in pairs))
     others = (shift(a, b) for a, b in zip(start[1:], after[1:], strict=True))
-    return Belief(state, *others)
+    return type(start)(state, *others)
 
 
 def path_in_blocks(model: FilterModel, start: Belief, after: Belief, line: Timeline) -> Trajectory:

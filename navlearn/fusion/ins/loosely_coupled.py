@@ -1,6 +1,8 @@
 """The loosely coupled error-state filter of a full IMU: strapdown corrected by GNSS.
 
-[Groves2013] ch. 14, [Noureldin2013] ch. 8. ``sequential`` goes sample by sample and is the oracle.
+[Groves2013] ch. 14, [Noureldin2013] ch. 8; forms of one filter. ``sequential`` goes sample by
+sample and is the oracle; ``exact`` loops over the blocks between updates and composes the samples
+of each at once.
 """
 
 from typing import Literal
@@ -11,6 +13,7 @@ from torch import Tensor, nn
 from navlearn.errors import ConfigError, ShapeError
 from navlearn.filters.ins_belief import InsBelief, map_ins_belief
 from navlearn.fusion.ins.checks import check_ins_history, check_ins_inputs
+from navlearn.fusion.ins.composed import predict_ins_composed
 from navlearn.fusion.ins.history import InsHistory
 from navlearn.fusion.ins.model import ins_filter_model
 from navlearn.fusion.ins.noise import InsNoise, ins_noise_from_log, log_ins_noise
@@ -93,9 +96,10 @@ class InsEkf(nn.Module):
             )
         check_ins_inputs(self.model, start, samples, fixes, timing)
         line = ins_timeline(self.model, samples, fixes, timing)
-        history = run_ins_loop(
-            self.model, start, line, self.noise, predict_ins_in_turn, "sequential"
-        )
+        in_turn = method == "sequential"
+        predict = predict_ins_in_turn if in_turn else predict_ins_composed
+        name = "sequential" if in_turn else "exact"
+        history = run_ins_loop(self.model, start, line, self.noise, predict, name)
         check_ins_history(self.model, history, samples)
         return history
 
@@ -104,7 +108,8 @@ class InsEkf(nn.Module):
 
         Args:
             belief: Belief before the interval, batch shape (...).
-            sample: The sample, shape (...) each.
+            sample: The sample, shape (...) each; where cones matter, with rates and forces
+                compensated (:func:`navlearn.fusion.ins.timeline.coning_compensated`).
 
         Returns:
             Belief after the interval.

@@ -10,7 +10,7 @@ from navlearn.fusion.ins.dahmane2022 import dahmane2022_dynamics
 from navlearn.fusion.ins.error_dynamics import Motion, phi_angle_dynamics
 from navlearn.fusion.ins.layout import ImuErrors, InsLayout, ins_layout
 from navlearn.fusion.ins.measurements import ins_rows
-from navlearn.fusion.ins.noise import InsNoise
+from navlearn.fusion.ins.noise import InsNoise, walks
 from navlearn.fusion.ins.options import InsEkfOptions
 from navlearn.fusion.measurements import Rows
 from navlearn.fusion.options import GateOptions
@@ -72,6 +72,23 @@ def dynamics(model: InsFilterModel, motion: Motion, errors: ImuErrors) -> Tensor
     return build(model.layout, motion, errors, model.options.correlation_time)
 
 
+def advanced_sensor(model: InsFilterModel, sensor: Tensor, dt: Tensor) -> Tensor:
+    """Return sensor parameters after an interval: Gauss–Markov biases decay, the others stay.
+
+    Args:
+        model: The filter.
+        sensor: Sensor parameters, shape (..., m).
+        dt: Length of the interval, s, shape (...).
+
+    Returns:
+        Sensor parameters, shape (..., m).
+    """
+    if model.options.correlation_time == float("inf") or not model.layout.has_bias:
+        return sensor
+    left = torch.exp(-dt / model.options.correlation_time).unsqueeze(-1)
+    return torch.cat((sensor[..., :6] * left, sensor[..., 6:]), -1)
+
+
 def diffusion(layout: InsLayout, omega_ib_b: Tensor, noise: InsNoise) -> Tensor:
     """Return the diagonal of the spectral density of the noise that drives the errors.
 
@@ -85,25 +102,13 @@ def diffusion(layout: InsLayout, omega_ib_b: Tensor, noise: InsNoise) -> Tensor:
     Returns:
         Density per error state, its unit squared per second, shape (..., n).
     """
-    turn = (omega_ib_b * omega_ib_b).sum(-1)
-    per_axis = [
-        torch.zeros_like(turn),
-        (noise.accel_random_walk**2).expand(turn.shape),
-        noise.gyro_random_walk**2 + noise.turn_noise**2 * turn,
-    ]
-    for walk, there in (
-        (noise.gyro_bias_walk, layout.has_bias),
-        (noise.accel_bias_walk, layout.has_bias),
-        (noise.gyro_scale_walk, layout.has_scale),
-        (noise.accel_scale_walk, layout.has_scale),
-    ):
-        if there:
-            per_axis.append((walk**2).expand(turn.shape))
-    density = torch.stack(per_axis, -1).repeat_interleave(3, -1)
-    if not layout.odometer_scale:
-        return density
-    odometer = (noise.odometer_scale_walk**2).expand(turn.shape)
-    return torch.cat((density, odometer.unsqueeze(-1)), -1)
+    turn = (omega_ib_b * omega_ib_b).sum(-1, keepdim=True)
+    batch = turn.shape[:-1]
+    gyro = (noise.gyro_random_walk**2 + noise.turn_noise**2 * turn).expand(*batch, 3)
+    accel = (noise.accel_random_walk**2).expand(*batch, 3)
+    sensors = walks(layout, noise) ** 2
+    parts = (torch.zeros_like(accel), accel, gyro, sensors.expand(*batch, sensors.shape[-1]))
+    return torch.cat(parts, -1)
 
 
 def discretized(dynamics: Tensor, density: Tensor, dt: Tensor) -> tuple[Tensor, Tensor]:

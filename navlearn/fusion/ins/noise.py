@@ -5,6 +5,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from navlearn.fusion.ins.layout import InsLayout
 from navlearn.fusion.ins.options import InsNoiseOptions
 
 
@@ -56,3 +57,20 @@ def ins_noise_from_log(log: Tensor) -> InsNoise:
         Noise entries.
     """
     return InsNoise(*torch.exp(log).unbind(-1))
+
+
+def walks(layout: InsLayout, noise: InsNoise) -> Tensor:
+    """Return the random walk of each sensor parameter, its unit per √s, shape (m,).
+
+    Args:
+        layout: Order of the error states.
+        noise: Noise densities.
+    """
+    chosen: list[Tensor] = []
+    if layout.has_bias:
+        chosen += [noise.gyro_bias_walk] * 3 + [noise.accel_bias_walk] * 3
+    if layout.has_scale:
+        chosen += [noise.gyro_scale_walk] * 3 + [noise.accel_scale_walk] * 3
+    if layout.odometer_scale:
+        chosen.append(noise.odometer_scale_walk)
+    return torch.stack(chosen) if chosen else noise.gyro_bias_walk.new_zeros(0)

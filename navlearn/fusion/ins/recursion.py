@@ -20,6 +20,7 @@ from navlearn.fusion.ins.layout import moved_belief
 from navlearn.fusion.ins.measurements import InsKind
 from navlearn.fusion.ins.model import InsFilterModel
 from navlearn.fusion.ins.noise import InsNoise
+from navlearn.fusion.ins.path import ins_path_in_blocks
 from navlearn.fusion.ins.timeline import InsOccasion, InsTimeline, ins_trajectory
 from navlearn.fusion.ins.updates import ins_measured
 from navlearn.fusion.measurements import Verdict
@@ -59,7 +60,7 @@ class InsEnded(NamedTuple):
 
 
 PredictInsBlock = Callable[
-    [InsFilterModel, InsCarried, ImuSample, InsNoise], tuple[InsCarried, InsState]
+    [InsFilterModel, InsCarried, ImuSample, InsNoise], tuple[InsCarried, InsState | None]
 ]
 
 
@@ -161,9 +162,12 @@ def run_ins_loop(
     for block, occasion in zip(samples, occasions, strict=True):
         carried, path = predict(model, carried, block, noise)
         carried, ended = end_ins_block(model, carried, occasion, noise)
-        inside.append(path)
         ends.append(ended)
-    return ins_history(line, stacked(ends), stacked(inside), method, 1)
+        if path is not None:
+            inside.append(path)
+    record: InsEnded = stacked(ends)
+    path = stacked(inside) if inside else ins_path_in_blocks(model, start, record.belief, line)
+    return ins_history(line, record, path, method, 1)
 
 
 def ins_history(

@@ -11,7 +11,13 @@ from navlearn.filters.ekf import propagated
 from navlearn.filters.ins_belief import InsBelief
 from navlearn.fusion.ins.error_dynamics import motion_between
 from navlearn.fusion.ins.layout import imu_corrected, imu_errors, moved_state
-from navlearn.fusion.ins.model import InsFilterModel, diffusion, discretized, dynamics
+from navlearn.fusion.ins.model import (
+    InsFilterModel,
+    advanced_sensor,
+    diffusion,
+    discretized,
+    dynamics,
+)
 from navlearn.fusion.ins.noise import InsNoise
 from navlearn.fusion.ins.recursion import InsCarried
 from navlearn.mechanization.coning import coning_sculling_step
@@ -44,23 +50,6 @@ def predict_ins_sample(
         sensor=advanced_sensor(model, belief.sensor, sample.dt),
         covariance=propagated(belief.covariance, transition, q),
     ), transition
-
-
-def advanced_sensor(model: InsFilterModel, sensor: Tensor, dt: Tensor) -> Tensor:
-    """Return sensor parameters after an interval: Gauss–Markov biases decay, the others stay.
-
-    Args:
-        model: The filter.
-        sensor: Sensor parameters, shape (..., m).
-        dt: Length of the interval, s, shape (...).
-
-    Returns:
-        Sensor parameters, shape (..., m).
-    """
-    if model.options.correlation_time == float("inf") or not model.layout.has_bias:
-        return sensor
-    left = torch.exp(-dt / model.options.correlation_time).unsqueeze(-1)
-    return torch.cat((sensor[..., :6] * left, sensor[..., 6:]), -1)
 
 
 def predict_ins_in_turn(

@@ -10,6 +10,7 @@ from navlearn.fusion.blocks import Blocks, cut, gathered, samples_in_blocks
 from navlearn.fusion.ins.model import InsFilterModel
 from navlearn.fusion.standstill import stationary_tail
 from navlearn.fusion.timeline import at_ends, at_least_one_fix, fixes_at_ends
+from navlearn.mechanization.coning import coning_sculling, coning_sculling_step
 from navlearn.states import FixTiming, GnssFix, ImuSample, InsState
 
 
@@ -50,7 +51,8 @@ class InsTimeline(NamedTuple):
 
     Attributes:
         blocks: Where the blocks are.
-        samples: Samples, shape (B, K, n) each, vectors (B, K, n, 3).
+        samples: Samples, coning and sculling compensated, shape (B, K, n) each, vectors
+            (B, K, n, 3).
         occasion: What there is to measure at the end of each block, shape (B, K) each.
     """
 
@@ -75,11 +77,34 @@ def ins_timeline(
     """
     fixes, timing = at_least_one_fix(fixes, timing, samples.dt)
     blocks = cut(samples.dt, timing.index, model.options.max_block)
-    laid = samples_in_blocks(samples, blocks)
+    laid = samples_in_blocks(coning_compensated(samples), blocks)
     fix, delay = fixes_at_ends(blocks, fixes, timing)
     last = ImuSample(*(gathered(channel, blocks.end) for channel in samples))
     aided = _spaced(laid.dt.sum(-1), model.options.aiding_interval)
     return InsTimeline(blocks, laid, InsOccasion(fix, delay, last, ins_rest_at_end(laid), aided))
+
+
+def coning_compensated(samples: ImuSample) -> ImuSample:
+    """Return samples whose rates and forces, held through each interval, move a body rightly.
+
+    What :func:`navlearn.mechanization.coning.coning_sculling` adds to increments is spread over
+    their intervals; that biases of the sensors change it is of third order.
+
+    Args:
+        samples: Samples, shape (..., T) each, vectors (..., T, 3).
+
+    Returns:
+        Samples of the same shape.
+    """
+    omega, force, dt = samples.omega_ib_b, samples.f_b, samples.dt
+    wide = dt.unsqueeze(-1)
+    per_second = torch.where(wide > 0.0, 1.0 / torch.where(wide > 0.0, wide, 1.0), 0.0)
+    rotation, velocity = coning_sculling(omega, force, dt)
+    plain, pushed = coning_sculling_step(omega, force, dt)
+    return samples._replace(
+        omega_ib_b=omega + per_second * (rotation - plain),
+        f_b=force + per_second * (velocity - pushed),
+    )
 
 
 def ins_rest_at_end(samples: ImuSample) -> InsRest:

@@ -1,0 +1,145 @@
+"""Prediction over a block of samples at once: the exact form's step.
+
+The complete model composes by preintegration, whose transition is in closed form
+(:mod:`navlearn.mechanization.preintegration`). Simplified dynamics and decaying biases have no
+closed form: there the transitions of all samples are found together and multiplied pairwise.
+"""
+
+import torch
+from torch import Tensor
+
+from navlearn.filters.ekf import propagated, symmetrized
+from navlearn.filters.ins_belief import InsBelief
+from navlearn.fusion.ins.error_dynamics import motion_between
+from navlearn.fusion.ins.layout import imu_corrected, imu_errors
+from navlearn.fusion.ins.model import (
+    InsFilterModel,
+    advanced_sensor,
+    diffusion,
+    discretized,
+    dynamics,
+)
+from navlearn.fusion.ins.noise import InsNoise, walks
+from navlearn.fusion.ins.path import path_over_samples, states_before
+from navlearn.fusion.ins.recursion import InsCarried
+from navlearn.mechanization.preintegration import preintegrate
+from navlearn.mechanization.preintegration_predict import predict
+from navlearn.mechanization.preintegration_transition import block_transition
+from navlearn.states import ImuSample, InsState
+
+
+def predict_ins_composed(
+    model: InsFilterModel, carried: InsCarried, samples: ImuSample, noise: InsNoise
+) -> tuple[InsCarried, None]:
+    """Predict one block, all its samples at once.
+
+    Args:
+        model: The filter.
+        carried: At the start of the block.
+        samples: Samples of the block, coning compensated, shape (B, n) each.
+        noise: Noise densities.
+
+    Returns:
+        What is carried to the block's end; the trajectory inside is left to a later pass.
+    """
+    point, deviation = carried
+    steady = model.options.correlation_time == float("inf") or not model.layout.has_bias
+    closed_form = model.options.model == "phi_angle" and steady
+    compose = by_preintegration if closed_form else by_product
+    duration = samples.dt.sum(-1)
+    # a bias that decays is held at its value in the middle of the block
+    held = point._replace(sensor=advanced_sensor(model, point.sensor, 0.5 * duration))
+    state, transition, q = compose(model, held, samples, noise)
+    moved = point._replace(
+        state=state,
+        sensor=advanced_sensor(model, point.sensor, duration),
+        covariance=propagated(point.covariance, transition, q),
+    )
+    if not model.closed:
+        deviation = (transition @ deviation.unsqueeze(-1)).squeeze(-1)
+    return InsCarried(moved, deviation), None
+
+
+def by_preintegration(
+    model: InsFilterModel, point: InsBelief, samples: ImuSample, noise: InsNoise
+) -> tuple[InsState, Tensor, Tensor]:
+    """Return the end of a block and its linearisation, by preintegration.
+
+    Args:
+        model: The filter.
+        point: Belief at the start of the block, batch shape (...).
+        samples: Samples of the block, shape (..., n) each.
+        noise: Noise densities.
+
+    Returns:
+        State at the end, Φ and Q.
+    """
+    errors = imu_errors(model.layout, point.sensor)
+    omega, _ = imu_corrected(
+        imu_errors(model.layout, point.sensor.unsqueeze(-2)), samples.omega_ib_b, samples.f_b
+    )
+    duration = samples.dt.sum(-1)
+    turn = ((omega * omega).sum(-1) * samples.dt).sum(-1) / duration.clamp(min=1e-9)
+    pre = preintegrate(
+        samples.omega_ib_b,
+        samples.f_b,
+        samples.dt,
+        gyro_random_walk=torch.sqrt(noise.gyro_random_walk**2 + noise.turn_noise**2 * turn),
+        accel_random_walk=noise.accel_random_walk,
+        gyro_bias=errors.gyro_bias,
+        accel_bias=errors.accel_bias,
+        gyro_scale=errors.gyro_gain - 1.0,
+        accel_scale=errors.accel_gain - 1.0,
+        scale_factors=model.layout.has_scale,
+    )
+    transition, q = block_transition(point.state, pre, walks(model.layout, noise))
+    return predict(point.state, pre), transition, q
+
+
+def by_product(
+    model: InsFilterModel, point: InsBelief, samples: ImuSample, noise: InsNoise
+) -> tuple[InsState, Tensor, Tensor]:
+    """Return the end of a block and its linearisation, by multiplying those of its samples.
+
+    Args:
+        model: The filter.
+        point: Belief at the start of the block, batch shape (...).
+        samples: Samples of the block, shape (..., n) each.
+        noise: Noise densities.
+
+    Returns:
+        State at the end, Φ and Q.
+    """
+    ends = path_over_samples(model, point, samples)
+    errors = imu_errors(model.layout, point.sensor.unsqueeze(-2))
+    omega, force = imu_corrected(errors, samples.omega_ib_b, samples.f_b)
+    F = dynamics(
+        model, motion_between(states_before(point.state, ends), ends, omega, force), errors
+    )
+    transition, q = discretized(F, diffusion(model.layout, omega, noise), samples.dt)
+    along = point.state.lat.dim()
+    end = InsState(*(channel.select(along, -1) for channel in ends))
+    return end, *composed(transition, q)
+
+
+def composed(transition: Tensor, noise: Tensor) -> tuple[Tensor, Tensor]:
+    """Return transition and noise of a sequence of linear steps, composed pair by pair.
+
+    Args:
+        transition: Φ of each step, shape (..., n, N, N).
+        noise: Q of each step, shape (..., n, N, N).
+
+    Returns:
+        Φ and Q of all of them, shape (..., N, N) each.
+    """
+    while transition.shape[-3] > 1:
+        odd = transition.shape[-3] % 2
+        first, second = transition[..., odd::2, :, :], transition[..., odd + 1 :: 2, :, :]
+        q_1, q_2 = noise[..., odd::2, :, :], noise[..., odd + 1 :: 2, :, :]
+        joined = second @ first
+        q = symmetrized(second @ q_1 @ second.transpose(-1, -2) + q_2)
+        if odd:
+            joined = torch.cat((transition[..., :1, :, :], joined), -3)
+            q = torch.cat((noise[..., :1, :, :], q), -3)
+        transition, noise = joined, q
+    return transition.squeeze(-3), noise.squeeze(-3)
