@@ -8,10 +8,17 @@ import pandas as pd
 
 from navlearn.errors import LogError
 from navlearn.logs.axes import turned
-from navlearn.logs.clock import from_first_sample, without_backsteps, without_latency
+from navlearn.logs.clock import (
+    from_first_sample,
+    section,
+    without_backsteps,
+    without_latency,
+)
 from navlearn.logs.columns import REQUIRED, TABLES
 from navlearn.logs.descriptor import Descriptor
 from navlearn.logs.drive_log import DriveLog, LogMetadata
+from navlearn.logs.reference_latency import without_reference_latency
+from navlearn.logs.table_layout import ReferenceLatency
 from navlearn.logs.validate import as_numbers, validate_log
 
 
@@ -81,7 +88,11 @@ def assemble(published: Published, descriptor: Descriptor) -> DriveLog:
         reference=_ordered("reference", tables["reference"]) if "reference" in tables else None,
         metadata=_metadata(published, descriptor),
     )
-    return from_first_sample(without_latency(validate_log(log)))
+    checked = validate_log(section(log, descriptor.section_s))
+    if checked.reference is not None:
+        moved = without_reference_latency(checked.reference, descriptor.reference_latency)
+        checked = checked.with_tables({"reference": moved})
+    return from_first_sample(without_latency(checked))
 
 
 def without_rows(name: str) -> pd.DataFrame:
@@ -144,5 +155,12 @@ def _metadata(published: Published, descriptor: Descriptor) -> LogMetadata:
         odometer_latency=descriptor.odometer_latency,
         interval_means=published.interval_means,
         sensors=dict(descriptor.sensors),
-        extra={"files": dict(published.files), **published.extra},
+        extra={"files": dict(published.files), **_removed(descriptor), **published.extra},
     )
+
+
+def _removed(descriptor: Descriptor) -> dict[str, object]:
+    latency = descriptor.reference_latency
+    if latency == ReferenceLatency():
+        return {}
+    return {"reference_latency_removed": latency.model_dump()}

@@ -1,10 +1,12 @@
 """The times of a drive: origin, latencies, steps back."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 
+from navlearn.errors import LogError
 from navlearn.logs.drive_log import DriveLog, LogMetadata
 
 
@@ -14,11 +16,34 @@ def from_first_sample(log: DriveLog) -> DriveLog:
     Args:
         log: Drive on any clock.
     """
-    origin = min(float(table["t"].iloc[0]) for table in log.tables().values() if len(table))
+    origin = _origin(log)
     if origin == 0.0:
         return log
     metadata = replace(log.metadata, time_origin=log.metadata.time_origin + origin)
     return _shifted(log, dict.fromkeys(log.tables(), -origin), metadata)
+
+
+def section(log: DriveLog, span: tuple[float | None, float | None]) -> DriveLog:
+    """Return the part of a drive between two times after its first sample.
+
+    Args:
+        log: Drive on any clock.
+        span: First second kept and first no longer kept; None for the drive's own begin or end.
+
+    Raises:
+        LogError: No IMU sample lies there.
+    """
+    if span == (None, None):
+        return log
+    start = -math.inf if span[0] is None else _origin(log) + span[0]
+    stop = math.inf if span[1] is None else _origin(log) + span[1]
+    part = log.between(start, stop)
+    if part.imu.empty:
+        raise LogError(
+            f"{log.metadata.name}: section_s: no IMU sample from {start:.2f} to {stop:.2f} s of "
+            f"{_origin(log):.2f} to {float(log.imu['t'].iloc[-1]):.2f} s; correct the section"
+        )
+    return part
 
 
 def without_latency(log: DriveLog) -> DriveLog:
@@ -48,6 +73,10 @@ def without_backsteps(table: pd.DataFrame) -> pd.DataFrame:
     latest = np.concatenate(([-np.inf], np.fmax.accumulate(t)[:-1])) if t.size else t
     # Rows without a time stay: the check that follows names them.
     return table.iloc[np.flatnonzero((t > latest) | np.isnan(t))].reset_index(drop=True)
+
+
+def _origin(log: DriveLog) -> float:
+    return min(float(table["t"].iloc[0]) for table in log.tables().values() if len(table))
 
 
 def _shifted(log: DriveLog, shifts: dict[str, float], metadata: LogMetadata) -> DriveLog:

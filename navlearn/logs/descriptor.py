@@ -13,85 +13,36 @@ from typing import Annotated, Final, Literal
 
 import numpy as np
 import yaml
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, BeforeValidator, Field, ValidationError, model_validator
 
 from navlearn.errors import ConfigError, LogNotFoundError
 from navlearn.logs.axes import levelling_matrix, matrix_from_directions, matrix_from_letters
 from navlearn.logs.interval_means import FloatArray
 from navlearn.logs.nearest import nearest_hint
+from navlearn.logs.table_layout import (
+    Column,
+    Finite,
+    Latency,
+    Origin,
+    ReferenceLatency,
+    SpeedAndCourse,
+    Strict,
+    Table,
+)
 
 FORMAT_ALIASES: Final = {"navlearn": "native"}
 """Other names of formats: navlearn's own is also called by its name."""
 
 FormatName = Annotated[
-    Literal["navinst", "canedge", "csv", "native"],
+    Literal["navinst", "canedge", "kitti", "csv", "native"],
     BeforeValidator(lambda name: FORMAT_ALIASES.get(name, name) if isinstance(name, str) else name),
 ]
 TableName = Literal["imu", "odometer", "fixes", "reference"]
 Backstep = Literal["error", "drop"]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
+Seconds = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class Column(_Strict):
-    """Where a canonical column comes from: ``scale`` × value in its unit + ``offset``.
-
-    Attributes:
-        column: Name in the file.
-        unit: Its unit, such as ``deg`` or ``km/h``; SI and radians where left out.
-        scale: Factor beside the unit's, such as −1 for a sign of the other sense.
-        offset: Added after scaling, in SI and radians.
-    """
-
-    column: str
-    unit: str | None = None
-    scale: Finite = 1.0
-    offset: Finite = 0.0
-
-    @model_validator(mode="before")
-    @classmethod
-    def _from_bare_name(cls, found: object) -> object:
-        return {"column": found} if isinstance(found, str) else found
-
-
-class SpeedAndCourse(_Strict):
-    """Horizontal velocity given as its size and direction.
-
-    Attributes:
-        speed: Ground speed.
-        course: Direction, clockwise from north.
-    """
-
-    speed: Column
-    course: Column
-
-
-class Table(_Strict):
-    """One table of a plain-table log.
-
-    Attributes:
-        file: File name in the log's folder.
-        time: Column of time stamps.
-        columns: Canonical column to where it comes from; a bare string is a name in SI units.
-            Left out, the file's own canonical names are taken, unit suffixes understood.
-        velocity: Horizontal velocity, where the file has it as speed and course.
-        epoch: Column of exact epochs on the receiver's own clock, where ``time`` is the jittery
-            time of arrival.
-        sampling: ``interval`` where a sample is the mean over the interval ending at its time.
-    """
-
-    file: str
-    time: Column = Column(column="t")
-    columns: dict[str, Column] | None = None
-    velocity: SpeedAndCourse | None = None
-    epoch: Column | None = None
-    sampling: Literal["instant", "interval"] = "instant"
-
-
-class Directions(_Strict):
+class Directions(Strict):
     """Which sensor axis points right, forward and up, such as ``-y``.
 
     Attributes:
@@ -105,7 +56,7 @@ class Directions(_Strict):
     up: str
 
 
-class Mounting(_Strict):
+class Mounting(Strict):
     """How the sensor is tilted in the car, after its axes are named.
 
     Attributes:
@@ -117,7 +68,7 @@ class Mounting(_Strict):
     roll_deg: float = Field(default=0.0, ge=-60.0, le=60.0)
 
 
-class Descriptor(_Strict):
+class Descriptor(Strict):
     """What is known about a drive log beside its files.
 
     Attributes:
@@ -128,6 +79,7 @@ class Descriptor(_Strict):
         license: Licence of the data.
         time_scale: Name of the log's own clock.
         tables: Tables of a ``csv`` log.
+        origin: Where positions in local metres (east, north, up) of a ``csv`` log begin.
         axes: Sensor axes, as three letters (``FLU``) or by direction; the format's own where
             left out.
         mounting: Tilt of the sensor in the car.
@@ -136,6 +88,9 @@ class Descriptor(_Strict):
         lever_arm: Antenna from the IMU, right, forward, up, m.
         gnss_latency: How late fixes are stamped, s; removed on loading.
         odometer_latency: How late odometer samples are stamped, s; removed on loading.
+        reference_latency: How late the reference is stamped, s; removed on loading.
+        section_s: Part of the drive that is used: from and up to how many seconds after its
+            first sample; null for its begin or end.
         on_backstep: ``error``, or ``drop`` rows that do not come later than all before them.
         sensors: Free text per sensor.
     """
@@ -146,18 +101,28 @@ class Descriptor(_Strict):
     license: str = ""
     time_scale: str = ""
     tables: dict[TableName, Table] | None = None
+    origin: Origin | None = None
     axes: str | Directions | None = None
     mounting: Mounting = Mounting()
     geoid_height: Finite | None = None
     lever_arm: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
-    gnss_latency: Annotated[float, Field(ge=-10.0, le=10.0)] = 0.0
-    odometer_latency: Annotated[float, Field(ge=-10.0, le=10.0)] = 0.0
+    gnss_latency: Latency = 0.0
+    odometer_latency: Latency = 0.0
+    reference_latency: ReferenceLatency = ReferenceLatency()
+    section_s: tuple[Seconds | None, Seconds | None] = (None, None)
     on_backstep: Backstep = "error"
     sensors: dict[str, str] = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _axes_are_a_triad(self) -> "Descriptor":
         self.body_from_sensor("RFU")
+        return self
+
+    @model_validator(mode="after")
+    def _section_has_a_length(self) -> "Descriptor":
+        start, stop = self.section_s
+        if stop is not None and stop <= (start or 0.0):
+            raise ValueError(f"section_s: ends at {stop:g} s, before it starts; give [start, stop]")
         return self
 
     def body_from_sensor(self, format_axes: str) -> FloatArray:
@@ -240,6 +205,8 @@ def _known_keys(location: tuple[int | str, ...]) -> list[str]:
             "mounting": Mounting,
             "Directions": Directions,
             "velocity": SpeedAndCourse,
+            "origin": Origin,
+            "reference_latency": ReferenceLatency,
         }
         owner = owners.get(location[-2], Column)
     return sorted(owner.model_fields)

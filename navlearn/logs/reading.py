@@ -16,6 +16,7 @@ from navlearn.logs.drive_log import DriveLog
 from navlearn.logs.formats.canedge import read_canedge
 from navlearn.logs.formats.csv_tables import read_csv_tables, table_file
 from navlearn.logs.formats.finding import listing
+from navlearn.logs.formats.kitti import oxts_folder, read_kitti
 from navlearn.logs.formats.native import HEADER, load_log
 from navlearn.logs.formats.navinst import read_navinst
 from navlearn.logs.nearest import nearest_hint
@@ -24,6 +25,7 @@ from navlearn.logs.sensor_truth import SENSOR_TRUTH, SensorTruth, load_sensor_tr
 _READERS: Final[dict[str, Callable[[Path, Descriptor], Published]]] = {
     "navinst": read_navinst,
     "canedge": read_canedge,
+    "kitti": read_kitti,
     "csv": read_csv_tables,
 }
 FORMATS: Final = (*_READERS, "native")
@@ -35,8 +37,8 @@ def read_log(path: Path | str, *, format: str | None = None) -> DriveLog:
 
     Args:
         path: Folder or file of the log, or a descriptor (``.yaml``).
-        format: ``navinst``, ``canedge``, ``csv`` or ``native`` (also called ``navlearn``); or the
-            path of a descriptor whose layout is applied to ``path``; recognised where left out.
+        format: One of :data:`FORMATS` (``native`` is also called ``navlearn``); or the path of a
+            descriptor whose layout is applied to ``path``; recognised where left out.
 
     Returns:
         The drive, checked, in the package's frames and units, its time from its first sample.
@@ -97,6 +99,8 @@ def recognise_format(path: Path) -> str:
         return "navinst"
     elif next(path.rglob("*.[mM][fF]4"), None):
         return "canedge"
+    elif oxts_folder(path):
+        return "kitti"
     elif _native_folder(path):
         return "native"
     elif _csv_folder(path):
@@ -104,8 +108,8 @@ def recognise_format(path: Path) -> str:
     found = listing(path) if path.is_dir() else f"the file {path.name}"
     raise LogError(
         f"{path}: no known log format; looked for INSPVA.mat (navinst), *.MF4 (canedge), "
-        f"{HEADER} (native) and imu.csv, imu.csv.gz or imu.parquet (csv); found {found}; for "
-        "other layouts write a descriptor"
+        f"oxts/timestamps.txt (kitti), {HEADER} (native) and imu.csv, imu.csv.gz or imu.parquet "
+        f"(csv); found {found}; for other layouts write a descriptor"
     )
 
 

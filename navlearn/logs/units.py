@@ -73,7 +73,7 @@ def kind_of(column: str) -> str:
         return "acceleration"
     if column == "speed" or column.startswith("v_") or column == "std_v":
         return "speed"
-    if column == "height" or column.startswith("std_"):
+    if column in ("height", "east", "north", "up") or column.startswith("std_"):
         return "length"
     return "temperature" if column == "temperature" else "number"
 

@@ -43,7 +43,11 @@ def test_data_folder_from_the_environment_or_beside_the_repository(tmp_path, mon
     ("entries", "message"),
     [
         ({"on_backsteps": "drop"}, "unknown key on_backsteps (did you mean 'on_backstep'?)"),
-        ({"format": "cvs"}, "format: Input should be 'navinst', 'canedge', 'csv' or 'native'"),
+        ({"format": "cvs"}, "format: Input should be 'navinst', 'canedge', 'kitti'"),
+        ({"origin": {"lat": 49.0}}, "unknown key origin.lat (did you mean 'lat_deg'?)"),
+        ({"section_s": [9.0, 3.0]}, "section_s: ends at 3 s, before it starts"),
+        ({"section_s": [-1.0, 3.0]}, "section_s.0: Input should be greater than or equal to 0"),
+        ({"reference_latency": {"poses": 1.0}}, "unknown key reference_latency.poses (did you"),
         ({"lever_arm": [1.0, 2.0]}, "lever_arm"),
         ({"gnss_latency": 100.0}, "gnss_latency: Input should be less than or equal to 10"),
         ({"mounting": {"rol_deg": 5.7}}, "unknown key mounting.rol_deg (did you mean 'roll_deg'?)"),

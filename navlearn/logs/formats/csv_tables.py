@@ -14,10 +14,12 @@ import pandas as pd
 from navlearn.errors import ConfigError, LogError, LogNotFoundError, MissingExtraError
 from navlearn.logs.assemble import Published, without_empty_fixes
 from navlearn.logs.columns import TABLES
-from navlearn.logs.descriptor import Column, Descriptor, Table
+from navlearn.logs.descriptor import Descriptor
 from navlearn.logs.formats.epochs import clock_from_epochs
 from navlearn.logs.formats.finding import listing
+from navlearn.logs.local_positions import LOCAL, geodetic_table
 from navlearn.logs.nearest import nearest_hint
+from navlearn.logs.table_layout import Column, Table
 from navlearn.logs.units import factor_to_si, split_suffix
 
 ENDINGS: Final = (".csv", ".csv.gz", ".parquet")
@@ -50,7 +52,10 @@ def read_csv_tables(folder: Path, descriptor: Descriptor) -> Published:
         MissingExtraError: A Parquet file is to be read without pyarrow.
     """
     layout = descriptor.tables or _usual_tables(folder)
-    tables = {name: _read(folder, name, table) for name, table in layout.items()}
+    tables = {
+        name: geodetic_table(table.file, _read(folder, name, table), descriptor.origin)
+        for name, table in layout.items()
+    }
     return Published(
         tables={str(name): table for name, table in tables.items()},
         files={str(name): table.file for name, table in layout.items()},
@@ -121,11 +126,12 @@ def _read(folder: Path, name: str, layout: Table) -> pd.DataFrame:
         return _by_name(path.name, name, frame)
     result = {"t": _taken(path.name, frame, "t", layout.time)}
     for canonical, source in layout.columns.items():
-        if canonical not in TABLES[name]:
-            hint = nearest_hint(canonical, TABLES[name])
+        known = (*TABLES[name], *(LOCAL if "lat" in TABLES[name] else ()))
+        if canonical not in known:
+            hint = nearest_hint(canonical, known)
             raise ConfigError(
                 f"tables.{name}.columns: {canonical} is no column of {name}{hint}; known are "
-                f"{', '.join(TABLES[name])}"
+                f"{', '.join(known)}"
             )
         result[canonical] = _taken(path.name, frame, canonical, source)
     if layout.velocity is not None:

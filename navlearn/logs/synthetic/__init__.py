@@ -5,6 +5,7 @@ from navlearn.logs.synthetic.figures import SensorGrade
 from navlearn.logs.synthetic.grades import GRADES
 from navlearn.logs.synthetic.jaradat2017 import jaradat2017_scenario
 from navlearn.logs.synthetic.recorded import motion_from_trajectory
+from navlearn.logs.synthetic.semi_real import with_aiding_from_reference
 from navlearn.logs.synthetic.simulate import SimulatedDrive, simulate_drive
 
 __all__ = [
@@ -15,4 +16,5 @@ __all__ = [
     "jaradat2017_scenario",
     "motion_from_trajectory",
     "simulate_drive",
+    "with_aiding_from_reference",
 ]

@@ -1,0 +1,99 @@
+"""What a descriptor says about plain tables: columns, units, origin of local positions."""
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Latency = Annotated[float, Field(ge=-10.0, le=10.0)]
+
+
+class Strict(BaseModel):
+    """A part of a descriptor: unchangeable, and an unknown key is refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Column(Strict):
+    """Where a canonical column comes from: ``scale`` × value in its unit + ``offset``.
+
+    Attributes:
+        column: Name in the file.
+        unit: Its unit, such as ``deg`` or ``km/h``; SI and radians where left out.
+        scale: Factor beside the unit's, such as −1 for a sign of the other sense.
+        offset: Added after scaling, in SI and radians.
+    """
+
+    column: str
+    unit: str | None = None
+    scale: Finite = 1.0
+    offset: Finite = 0.0
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_bare_name(cls, found: object) -> object:
+        return {"column": found} if isinstance(found, str) else found
+
+
+class SpeedAndCourse(Strict):
+    """Horizontal velocity given as its size and direction.
+
+    Attributes:
+        speed: Ground speed.
+        course: Direction, clockwise from north.
+    """
+
+    speed: Column
+    course: Column
+
+
+class Table(Strict):
+    """One table of a plain-table log.
+
+    Attributes:
+        file: File name in the log's folder.
+        time: Column of time stamps.
+        columns: Canonical column to where it comes from; a bare string is a name in SI units.
+            Left out, the file's own canonical names are taken, unit suffixes understood. Where
+            the descriptor states an ``origin``, also ``east``, ``north`` and ``up``.
+        velocity: Horizontal velocity, where the file has it as speed and course.
+        epoch: Column of exact epochs on the receiver's own clock, where ``time`` is the jittery
+            time of arrival.
+        sampling: ``interval`` where a sample is the mean over the interval ending at its time.
+    """
+
+    file: str
+    time: Column = Column(column="t")
+    columns: dict[str, Column] | None = None
+    velocity: SpeedAndCourse | None = None
+    epoch: Column | None = None
+    sampling: Literal["instant", "interval"] = "instant"
+
+
+class Origin(Strict):
+    """Where a log's local positions in metres begin.
+
+    Attributes:
+        lat_deg: Geodetic latitude.
+        lon_deg: Longitude.
+        height: Height above the ellipsoid, m.
+        plane: ``tangent``, or ``mercator`` where latitude and longitude went through a
+            spherical Mercator map, scaled to be true to the sphere at the origin (KITTI).
+    """
+
+    lat_deg: Annotated[float, Field(ge=-89.0, le=89.0)]
+    lon_deg: Annotated[float, Field(ge=-180.0, le=360.0)]
+    height: Finite = 0.0
+    plane: Literal["tangent", "mercator"] = "tangent"
+
+
+class ReferenceLatency(Strict):
+    """How late a reference is stamped against the IMU, s.
+
+    Attributes:
+        pose: Its positions and angles.
+        velocity: Its velocities.
+    """
+
+    pose: Latency = 0.0
+    velocity: Latency = 0.0
