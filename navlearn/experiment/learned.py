@@ -1,5 +1,6 @@
 """Fitting an error model to the past of a drive, and judging it there."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import torch
@@ -12,6 +13,7 @@ from navlearn.errors import ConfigError, FitError
 from navlearn.experiment.correction import correct
 from navlearn.frames import enu_between
 from navlearn.learning.fit import fit_anarx
+from navlearn.learning.ins_position_windows import InsOutages
 from navlearn.learning.options import TrainingOptions
 from navlearn.learning.pseudo_outages import (
     OUTPUTS,
@@ -62,7 +64,7 @@ def pseudo_outage_options(recipe: Recipe) -> PseudoOutageOptions:
     )
 
 
-def split_by_time(outages: PseudoOutages, gap: float) -> tuple[Tensor, Tensor, Tensor]:
+def split_by_time(outages: PseudoOutages | InsOutages, gap: float) -> tuple[Tensor, Tensor, Tensor]:
     """Return which emulated outages train, validate, and judge, in order of time.
 
     No two parts share a second: an emulated outage that reaches into the next part, or comes
@@ -122,14 +124,6 @@ def learn(
     options = pseudo_outage_options(recipe)
     outages = emulate_outages(navigator, run, options, end=end, begin=begin)
     windows = training_windows(outages, spec.inputs, spec.acts_on)
-    train, valid, judge = split_by_time(outages, recipe.training.gap_s)
-    if len(train) == 0 or len(valid) == 0:
-        raise FitError(
-            f"{spec.name}: {len(windows.start_time)} emulated outages before the outage leave "
-            f"{len(train)} to train and {len(valid)} to validate; start the outages later or "
-            "shorten training.horizon_s"
-        )
-    network = spec.anarx_options(outputs=len(OUTPUTS[spec.acts_on]))
     source = TrainingSource(
         logs=(log_name,),
         regime=regime,
@@ -140,11 +134,48 @@ def learn(
     )
 
     def fit(train: Windows, valid: Windows | None, training: TrainingOptions) -> FittedErrorModel:
+        network = spec.anarx_options(outputs=len(OUTPUTS[spec.acts_on]))
         return fit_anarx(train, valid, network, training, source=source, progress=progress)
 
-    training = spec.training_options()
+    def judged(trial: FittedErrorModel, index: Tensor) -> GateVerdict:
+        return judge_on(trial, spec, navigator, select_outages(outages, index))
+
+    parts = split_by_time(outages, recipe.training.gap_s)
+    return fit_and_judge(windows, parts, spec.training_options(), fit, judged, spec.name)
+
+
+def fit_and_judge(
+    windows: Windows,
+    parts: tuple[Tensor, Tensor, Tensor],
+    training: TrainingOptions,
+    fit: Callable[[Windows, Windows | None, TrainingOptions], FittedErrorModel],
+    judged: Callable[[FittedErrorModel, Tensor], GateVerdict],
+    name: str,
+) -> Learned:
+    """Fit a model to the earlier windows and judge it on the latest.
+
+    One that passes is fitted once more to all, for as many iterations as validation wanted.
+
+    Args:
+        windows: Regressors and targets of emulated outages.
+        parts: Which of them train, validate and judge, from :func:`split_by_time`.
+        training: How the model is trained.
+        fit: Fits a model to windows for training and validation.
+        judged: Says whether a model helped on the emulated outages of an index.
+        name: Name of the model, for messages.
+
+    Raises:
+        FitError: Too few windows.
+    """
+    train, valid, judge = parts
+    if len(train) == 0 or len(valid) == 0:
+        raise FitError(
+            f"{name}: {len(windows.start_time)} emulated outages before the outage leave "
+            f"{len(train)} to train and {len(valid)} to validate; start the outages later or "
+            "shorten training.horizon_s"
+        )
     trial = fit(select_windows(windows, train), select_windows(windows, valid), training)
-    verdict = judge_on(trial, spec, navigator, select_outages(outages, judge))
+    verdict = judged(trial, judge)
     fitted = trial
     if verdict.use:
         best = trial.curves.valid.index(min(trial.curves.valid))

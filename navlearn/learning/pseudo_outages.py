@@ -16,7 +16,6 @@ from navlearn.error_models.regressors import average_samples, build_regressors
 from navlearn.errors import ConfigError, FitError
 from navlearn.filters.belief import Belief
 from navlearn.frames import enu_between
-from navlearn.fusion.history import FilterHistory
 from navlearn.fusion.loosely_coupled import map_belief
 from navlearn.learning.windows import Windows
 from navlearn.navigator import Navigator, NavigatorRun, belief_at
@@ -111,11 +110,12 @@ def emulate_outages(
     dt = float(samples.dt[:known].median())
     block = max(1, round(options.step / dt))
     length = round(options.horizon / options.step) * block
-    starts, blocks = _starts(run, options, known, length, dt)
+    starts, blocks = outage_starts(history.end, options, known, length, dt)
     rows = starts.unsqueeze(-1) + 1 + torch.arange(length)
     window = RissSample(*(channel[rows] for channel in samples))
     far = (window.speed * window.dt).sum(-1) >= options.minimum_distance
-    seen = (_since_fix(history)[rows] * dt).amax(-1) <= options.max_fix_interval
+    since = samples_since_fix(history.end, history.fix, samples.dt.shape[-1])
+    seen = (since[rows] * dt).amax(-1) <= options.max_fix_interval
     kept = far & seen
     if not bool(kept.any()):
         raise FitError(
@@ -132,24 +132,42 @@ def emulate_outages(
     )
 
 
-def _since_fix(history: FilterHistory) -> Tensor:
-    """Return how many samples ago the last fix was, counted from the start before the first."""
-    length = history.trajectory.lat.shape[-1]
+def samples_since_fix(end: Tensor, fix: Tensor, length: int) -> Tensor:
+    """Return how many samples ago the last fix was, counted from the start before the first.
+
+    Args:
+        end: Last sample of each block of a filter's history, int64, shape (K,).
+        fix: Fix at its end, −1 for none, int64, shape (K,).
+        length: Number of samples T.
+
+    Returns:
+        int64, shape (T,).
+    """
     last = torch.full((length,), -1)
-    with_fix = history.end[history.fix >= 0]
+    with_fix = end[fix >= 0]
     last[with_fix] = with_fix
     return torch.arange(length) - torch.cummax(last, 0).values
 
 
-def _starts(
-    run: NavigatorRun, options: PseudoOutageOptions, known: int, length: int, dt: float
+def outage_starts(
+    end: Tensor, options: PseudoOutageOptions, known: int, length: int, dt: float
 ) -> tuple[Tensor, Tensor]:
-    """Return the last sample before each emulated outage, and the block that ends there."""
-    ends = run.history.end
+    """Return the last sample before each emulated outage, and the block that ends there.
+
+    Args:
+        end: Last sample of each block of a filter's history, int64, shape (K,).
+        options: Lengths and distances.
+        known: Only samples before this one exist.
+        length: Samples of an emulated outage.
+        dt: Length of a sample, s.
+
+    Raises:
+        FitError: The past is too short.
+    """
     first = round(options.settle / dt)
     if options.window < known * dt:
         first = max(first, known - round(options.window / dt))
-    usable = torch.nonzero((ends >= first) & (ends + length < known)).squeeze(-1)
+    usable = torch.nonzero((end >= first) & (end + length < known)).squeeze(-1)
     if len(usable) == 0:
         raise FitError(
             f"emulated outages: {known * dt:.0f} s of filtering hold none of {options.horizon:g} s "
@@ -157,11 +175,11 @@ def _starts(
         )
     chosen, last = [], -float("inf")
     for block in usable.tolist():
-        if (int(ends[block]) - last) * dt >= options.every - 0.5 * dt:
+        if (int(end[block]) - last) * dt >= options.every - 0.5 * dt:
             chosen.append(block)
-            last = int(ends[block])
+            last = int(end[block])
     blocks = torch.tensor(chosen)
-    return ends[blocks], blocks
+    return end[blocks], blocks
 
 
 def error_increments(outages: PseudoOutages, acts_on: str) -> Tensor:
