@@ -17,6 +17,7 @@ from navlearn.fusion.ins.layout import ins_layout
 from navlearn.fusion.ins.loosely_coupled import InsEkf, Method
 from navlearn.fusion.ins.options import InsEkfOptions
 from navlearn.fusion.ins.start import initial_ins_belief
+from navlearn.mechanization.confirmed_standstill import confirmed_standstill
 from navlearn.mechanization.increments import inertial_errors_removed
 from navlearn.mechanization.ins_alignment import InsAlignment, InsAlignmentOptions, align_ins
 from navlearn.mechanization.strapdown_parallel import strapdown_over_time
@@ -45,8 +46,9 @@ class InsNavigatorRun(NamedTuple):
         first: The filter's first interval among those of the drive; what came before only
             served alignment.
         alignment: Where and with what the filter started.
-        samples: The intervals from ``first`` on, shape (T,) and (T, 3) each; for a filter without
-            bias states less the biases that alignment found.
+        samples: The intervals from ``first`` on, shape (T,) and (T, 3) each; standing still only
+            where no fix contradicts it, and for a filter without bias states less the biases that
+            alignment found.
         history: What the filter believed; its indices count from ``first``.
     """
 
@@ -101,6 +103,7 @@ class InsNavigator:
             LogError: The drive tells no attitude.
             FilterDivergedError: The covariance or state is no longer finite or positive.
         """
+        samples = confirmed_standstill(samples, fixes, timing)
         if alignment is None:
             alignment = self.align(samples, fixes, timing)
         first = alignment.sample + 1

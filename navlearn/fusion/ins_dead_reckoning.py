@@ -12,6 +12,7 @@ from torch import Tensor
 
 from navlearn.attitude import matrix_from_quaternion
 from navlearn.errors import LogError
+from navlearn.mechanization.confirmed_standstill import confirmed_standstill
 from navlearn.mechanization.ins_alignment_result import (
     InsAlignment,
     InsAlignmentOptions,
@@ -81,6 +82,7 @@ def ins_dead_reckoning_start(
             "start the outage later, or use a log whose receiver tells velocity"
         )
     m = int(found[-1])
+    samples = confirmed_standstill(samples, fixes, timing)
     matched = _matched(samples, fixes, timing, m, options)
     C_lb, arm = matrix_from_quaternion(matched.state.q_lb), options.alignment.lever_arm
     turn = samples.omega_ib_b[matched.sample] - matched.gyro_bias

@@ -28,6 +28,8 @@ class InsStandstillOptions:
     Attributes:
         averaging: Time over which signals are averaged first, s.
         window: Trailing time in which they must be quiet, s.
+        hold: While a floor is above the least believed, a quiet road may pass for a noisy sensor:
+            then the signals must have been quiet this much longer, s.
         quiet_stretch: Length of the stretches among which the quietest tells the floors, s.
         force_floor: Least and largest noise floor of averaged specific force believed, m/s².
         rate_floor: Least and largest noise floor of averaged angular rate believed, rad/s.
@@ -45,6 +47,7 @@ class InsStandstillOptions:
 
     averaging: float = 0.1
     window: float = 1.0
+    hold: float = 1.0
     quiet_stretch: float = 3.0
     force_floor: Range = (0.02, 0.05)
     rate_floor: Range = (0.0008, 0.003)
@@ -107,7 +110,9 @@ def standstill_intervals(
     still &= ~(np.abs(norm) > limits.max_force_change)
     still &= ~(np.linalg.norm(rate.mean - rate_rest, axis=1) > limits.max_rate_change)
     still &= np.linalg.norm(rate.mean, axis=1) <= limits.max_rate
-    return still & ~vetoed & _all_of_last(known, _count(dt, limits.window, 5))
+    still &= ~vetoed & _all_of_last(known, _count(dt, limits.window, 5))
+    sure = (force_floor <= limits.force_floor[0]) & (rate_floor <= limits.rate_floor[0])
+    return still & (sure | trusted | _all_of_last(still, _count(dt, limits.hold, 1)))
 
 
 def _quietest(

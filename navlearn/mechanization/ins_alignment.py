@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from navlearn.errors import LogError
+from navlearn.mechanization.confirmed_standstill import confirmed_standstill
 from navlearn.mechanization.ins_alignment_result import (
     InsAlignment,
     InsAlignmentOptions,
@@ -46,6 +47,7 @@ def align_ins(
         LogError: If the drive tells no attitude by the method asked for.
     """
     options = options or InsAlignmentOptions()
+    samples = confirmed_standstill(samples, fixes, timing)
     clock = torch.cumsum(samples.dt, 0)
     usable = (timing.index >= 0) & (fixes.has_position > 0) & (fixes.has_velocity > 0)
     tried, best = -math.inf, math.inf
