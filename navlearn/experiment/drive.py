@@ -20,10 +20,12 @@ from navlearn.logs.resample import ResampleOptions, RissTimeline, riss_timeline
 from navlearn.logs.sensor_truth import SensorTruth
 from navlearn.logs.synthetic import SimulatedDrive, jaradat2017_scenario, simulate_drive
 from navlearn.logs.synthetic.degrade import degrade_gyro, degraded_drive
+from navlearn.logs.synthetic.grades import find_grade
+from navlearn.logs.synthetic.semi_real import with_aiding_from_reference
 from navlearn.outages.placement import place_outages
 from navlearn.outages.schedule import Placement
 from navlearn.recipe import Recipe
-from navlearn.recipe.sections import SCENARIO, SimulatedSection
+from navlearn.recipe.sections import SCENARIO, AidingSection, SimulatedSection
 
 CLEAR = 3.0
 """A latency is removed where it is this many of its own standard deviations from zero, ..."""
@@ -59,7 +61,7 @@ def open_log(recipe: Recipe) -> DriveLog:
     """
     log, added = _own_log(recipe), recipe.log.gyro
     log = log if added is None else degrade_gyro(log, added.grade, added.seed)
-    return log
+    return log if recipe.log.aiding is None else _aided(log, recipe.log.aiding)
 
 
 def _own_log(recipe: Recipe) -> DriveLog:
@@ -79,6 +81,23 @@ def _simulated(made: SimulatedSection) -> SimulatedDrive:
         duration=made.duration_s,
         seed=made.seed,
         imu_rate_hz=made.imu_rate_hz,
+    )
+
+
+def _aided(log: DriveLog, made: AidingSection) -> DriveLog:
+    """Return the log with fixes and odometer made from its reference."""
+    grade = find_grade(made.grade)
+    gnss = grade.gnss
+    if made.fix_noise is not None:
+        gnss = replace(gnss, noise=made.fix_noise, correlated_noise=0.0, spike_probability=0.0)
+    return with_aiding_from_reference(
+        log,
+        fix_rate_hz=made.fix_rate_hz,
+        gnss=gnss,
+        odometer_rate_hz=made.odometer_rate_hz,
+        odometer=grade.odometer if made.odometer else None,
+        lever_arm=log.metadata.lever_arm,
+        seed=made.seed,
     )
 
 

@@ -13,6 +13,8 @@ from navlearn.experiment.anarx_method import AnarxMethod
 from navlearn.experiment.augmented_method import AugmentedMethod
 from navlearn.experiment.azimuth_method import AzimuthMethod
 from navlearn.experiment.baselines import DeadReckoning, FilterMethod, FilterRuns
+from navlearn.experiment.ins_filter_runs import VARIANTS, InsFilterRuns
+from navlearn.experiment.ins_methods import InsDeadReckoning, InsFilterMethod, InsSmoothed
 from navlearn.experiment.learned import Learned
 from navlearn.experiment.oracles import GyroOracle, PerfectAzimuth, Truth
 from navlearn.experiment.pseudo_outage_method import PseudoOutageMethod
@@ -35,22 +37,42 @@ class MethodContext:
     Attributes:
         recipe: The recipe.
         runs: Filter runs, shared by all methods.
+        ins_runs: Runs of the full-IMU filter, likewise.
         keep: Called with the name of each model and every fit of it that can be stored.
         truth: What no method can know; for oracles alone.
     """
 
     recipe: Recipe
     runs: FilterRuns
+    ins_runs: InsFilterRuns
     keep: Keep | None = None
     truth: Truth | None = None
 
 
+def _full_imu(context: MethodContext) -> bool:
+    return context.recipe.mechanization.sensors == "imu"
+
+
+def _dead_reckoning(context: MethodContext) -> Method:
+    recipe = context.recipe
+    return InsDeadReckoning(recipe) if _full_imu(context) else DeadReckoning(recipe)
+
+
+def _smoothed(context: MethodContext) -> Method:
+    return InsSmoothed(context.ins_runs) if _full_imu(context) else SmoothedFilter(context.runs)
+
+
+def _ins_filter(name: str) -> Callable[[MethodContext], Method]:
+    return lambda context: InsFilterMethod(context.ins_runs, name)
+
+
 FIXED: Final[dict[str, Callable[[MethodContext], Method]]] = {
-    "dead_reckoning": lambda context: DeadReckoning(context.recipe),
+    "dead_reckoning": _dead_reckoning,
     "ekf_plain": lambda context: FilterMethod(context.runs, "ekf_plain"),
     "ekf_shen2010": lambda context: FilterMethod(context.runs, "ekf_shen2010"),
     "ekf": lambda context: FilterMethod(context.runs, "ekf"),
-    "rts": lambda context: SmoothedFilter(context.runs),
+    **{name: _ins_filter(name) for name in VARIANTS},
+    "rts": _smoothed,
     "oracle": lambda context: GyroOracle(context.runs, context.truth, noise_free=False),
     "noise_free_gyro": lambda context: GyroOracle(context.runs, context.truth, noise_free=True),
     "perfect_azimuth": lambda context: PerfectAzimuth(context.runs, context.truth),
@@ -81,7 +103,9 @@ def build_methods(
         runs: Filter runs to share; None makes them anew.
     """
     shared = FilterRuns(recipe) if runs is None else runs
-    context = MethodContext(recipe=recipe, runs=shared, keep=keep, truth=truth)
+    context = MethodContext(
+        recipe=recipe, runs=shared, ins_runs=InsFilterRuns(recipe), keep=keep, truth=truth
+    )
     return {name: _built(name, context) for name in recipe.methods}
 
 

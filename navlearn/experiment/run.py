@@ -3,7 +3,7 @@
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,9 @@ import yaml
 from navlearn.error_models.storage import save_error_model
 from navlearn.errors import ConfigError, LogNotFoundError
 from navlearn.experiment.baselines import PLAIN, filter_options
-from navlearn.experiment.drive import prepare_drive, sensor_truth_of
+from navlearn.experiment.drive import Drive, prepare_drive, sensor_truth_of
+from navlearn.experiment.ins_filter_runs import InsFilterRuns
+from navlearn.experiment.ins_observability import observability_chapter
 from navlearn.experiment.learned import Learned
 from navlearn.experiment.methods import build_methods
 from navlearn.experiment.oracles import GYRO_ORACLES, Truth, truth_for
@@ -25,6 +27,7 @@ from navlearn.outages.maps import Scene
 from navlearn.outages.output import OutputFolder, prepare_output_folder
 from navlearn.outages.replay import replay
 from navlearn.outages.results import write_results
+from navlearn.outages.run_summary import Chapter
 from navlearn.outages.tables import summary_content
 from navlearn.recipe import Recipe
 from navlearn.recipe.fixed_methods import FIXED_METHODS
@@ -102,11 +105,21 @@ def run_recipe(
         settings=method_settings(recipe, drive.notes, truth),
         progress=progress,
     )
-    summary = run_summary(recipe, drive, found, resolved["versions"], output.path)
+    summary = replace(
+        run_summary(recipe, drive, found, resolved["versions"], output.path),
+        chapters=_chapters(recipe, drive, output),
+    )
     scene = Scene(log=drive.log, outages=drive.placement.outages, replay=found)
     summary = write_results(output, summary, [scene])
     output.finish()
     return RunResult(folder=output.path, table=summary.rows, summary=summary_content(summary))
+
+
+def _chapters(recipe: Recipe, drive: Drive, output: OutputFolder) -> tuple[Chapter, ...]:
+    """Write what the report tells beside the comparison, and return its chapters."""
+    if not recipe.observability:
+        return ()
+    return (observability_chapter(InsFilterRuns(recipe), drive, output),)
 
 
 def method_settings(
