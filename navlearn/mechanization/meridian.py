@@ -60,7 +60,7 @@ def plumb_line(x: Tensor, y: Tensor, z: Tensor) -> Plumb:
     return Plumb(sin_lat, cos_lat, axis, axis * cos_lat + z * sin_lat - curve)
 
 
-def plumb_gravity(x: Tensor, y: Tensor, z: Tensor) -> Vector:
+def gravity_at(x: Tensor, y: Tensor, z: Tensor) -> Vector:
     """Return normal gravity along the plumb line.
 
     As :func:`navlearn.earth.normal_gravity`, from the sine of latitude.

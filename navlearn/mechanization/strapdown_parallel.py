@@ -1,21 +1,32 @@
 """Strapdown mechanization parallel in time, in the local level.
 
-Time is cut into chunks that fit the cache and in which gravity settles in two or three passes;
-within a chunk all samples go together (:mod:`navlearn.mechanization.strapdown_chunk`), the state
-is carried from chunk to chunk.
+Attitude against inertial space is one prefix product over the record. Time is then cut into
+chunks that fit the cache and in which gravity settles in a few passes; within a chunk all samples
+go together (:mod:`navlearn.mechanization.strapdown_chunk`), position and velocity are carried from
+chunk to chunk.
 """
 
 import torch
 from torch import Tensor
 
+from navlearn import wgs84
 from navlearn.mechanization.coning import check_channels, coning_sculling
 from navlearn.mechanization.increments import inertial_errors_removed
-from navlearn.mechanization.strapdown_chunk import Channels, move_chunk
+from navlearn.mechanization.preintegration_turn import (
+    Quaternion,
+    prefix_products,
+    product,
+    quaternions_of,
+)
+from navlearn.mechanization.strapdown_chunk import Chunk, move_chunk, to_meridian
 from navlearn.mechanization.strapdown_shapes import check_start
 from navlearn.states import ImuSample, InsState
 
 CHUNK_ELEMENTS = 8192
 """Samples of all records together in one chunk."""
+
+CHUNK_DURATION = 120.0
+"""Longest chunk, s: in longer ones gravity settles slowly."""
 
 
 def strapdown_over_time(
@@ -76,17 +87,44 @@ def local_level_over_time(
     records, length = shape[:-1].numel(), shape[-1]
     flat = dt.reshape(records, length)
     turn, push = (x.movedim(-1, 0).reshape(3, records, length) for x in (rotation, velocity))
-    scalars = [x.reshape(records, 1) for x in start[:3]]
-    axes = [x.unsqueeze(-1) for vector in start[3:] for x in vector.reshape(records, -1).unbind(-1)]
-    state = Channels(*scalars, *axes)
+    r, v, q, lon = _in_meridian(start, records)
+    products = prefix_products(quaternions_of(turn))
+    attitude = torch.stack(product(q, products))
+    attitude = torch.cat((torch.stack(q), attitude), -1)
+    time = torch.cumsum(flat, -1)
     size = max(CHUNK_ELEMENTS // max(records, 1), 64)
     done = []
     for k in range(0, length, size):
-        part = slice(k, min(k + size, length))
-        ends = move_chunk(state, turn[..., part], push[..., part], flat[:, part], 12, True)
-        done.append(ends)
-        state = Channels(*(x[:, -1:] for x in ends))
-    whole = [torch.cat(x, -1).reshape(shape) for x in zip(*done, strict=True)]
-    return InsState(
-        whole[0], whole[1], whole[2], torch.stack(whole[3:6], -1), torch.stack(whole[6:], -1)
-    )
+        part, wider = slice(k, min(k + size, length)), slice(k, min(k + size, length) + 1)
+        ends = move_chunk(
+            Chunk(
+                r,
+                v,
+                time[:, part],
+                flat[:, part],
+                turn[..., part],
+                push[..., part],
+                attitude[..., wider],
+                lon,
+            )
+        )
+        done.append(ends[:3])
+        r, v = ends.r_end, ends.v_end
+    place, v_l, q_lb = (torch.cat(x, -1) for x in zip(*done, strict=True))
+    lat, lon, height = (x.reshape(shape) for x in place.unbind(0))
+    v_l, q_lb = (x.reshape(-1, *shape).movedim(0, -1) for x in (v_l, q_lb))
+    return InsState(lat, lon, height, v_l, q_lb)
+
+
+def _in_meridian(start: InsState, records: int) -> tuple[Tensor, Tensor, Quaternion, Tensor]:
+    """Return position, velocity and attitude in the meridian frame of the start, and longitude."""
+    lat, lon, height = (x.reshape(records, 1) for x in start[:3])
+    east, north, up = start.v_l.reshape(records, 1, 3).unbind(-1)
+    w, x, y, z = start.q_lb.reshape(records, 1, 4).unbind(-1)
+    sin_lat, cos_lat = torch.sin(lat), torch.cos(lat)
+    e2, zero = wgs84.ECCENTRICITY_SQUARED, torch.zeros_like(lat)
+    r_n = wgs84.SEMI_MAJOR_AXIS * torch.rsqrt(1.0 - e2 * sin_lat * sin_lat)
+    r = torch.stack(((r_n + height) * cos_lat, zero, ((1.0 - e2) * r_n + height) * sin_lat))
+    v = torch.stack((cos_lat * up - sin_lat * north, east, cos_lat * north + sin_lat * up))
+    q = product(to_meridian(sin_lat, cos_lat, torch.ones_like(lat), zero), (w, x, y, z))
+    return r, v, q, lon
