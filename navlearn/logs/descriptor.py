@@ -34,7 +34,7 @@ FORMAT_ALIASES: Final = {"navlearn": "native"}
 """Other names of formats: navlearn's own is also called by its name."""
 
 FormatName = Annotated[
-    Literal["navinst", "canedge", "kitti", "csv", "native"],
+    Literal["navinst", "canedge", "kitti", "comma2k19", "csv", "native"],
     BeforeValidator(lambda name: FORMAT_ALIASES.get(name, name) if isinstance(name, str) else name),
 ]
 TableName = Literal["imu", "odometer", "fixes", "reference"]

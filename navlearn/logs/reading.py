@@ -14,6 +14,7 @@ from navlearn.logs.assemble import Published, assemble
 from navlearn.logs.descriptor import FORMAT_ALIASES, Descriptor, load_descriptor
 from navlearn.logs.drive_log import DriveLog
 from navlearn.logs.formats.canedge import read_canedge
+from navlearn.logs.formats.comma2k19 import has_segments, read_comma2k19
 from navlearn.logs.formats.csv_tables import read_csv_tables, table_file
 from navlearn.logs.formats.finding import listing
 from navlearn.logs.formats.kitti import oxts_folder, read_kitti
@@ -26,6 +27,7 @@ _READERS: Final[dict[str, Callable[[Path, Descriptor], Published]]] = {
     "navinst": read_navinst,
     "canedge": read_canedge,
     "kitti": read_kitti,
+    "comma2k19": read_comma2k19,
     "csv": read_csv_tables,
 }
 FORMATS: Final = (*_READERS, "native")
@@ -101,6 +103,8 @@ def recognise_format(path: Path) -> str:
         return "canedge"
     elif oxts_folder(path):
         return "kitti"
+    elif has_segments(path):
+        return "comma2k19"
     elif _native_folder(path):
         return "native"
     elif _csv_folder(path):
@@ -108,8 +112,9 @@ def recognise_format(path: Path) -> str:
     found = listing(path) if path.is_dir() else f"the file {path.name}"
     raise LogError(
         f"{path}: no known log format; looked for INSPVA.mat (navinst), *.MF4 (canedge), "
-        f"oxts/timestamps.txt (kitti), {HEADER} (native) and imu.csv, imu.csv.gz or imu.parquet "
-        f"(csv); found {found}; for other layouts write a descriptor"
+        f"oxts/timestamps.txt (kitti), processed_log/IMU (comma2k19), {HEADER} (native) and "
+        f"imu.csv, imu.csv.gz or imu.parquet (csv); found {found}; for other layouts write a "
+        "descriptor"
     )
 
 
