@@ -15,6 +15,7 @@ from navlearn.experiment.correction import (
 )
 from navlearn.experiment.gate_notes import gate_notes
 from navlearn.experiment.learned import Learned, adopt, learn
+from navlearn.ins_navigator import InsNavigatorRun
 from navlearn.logs.drive_log import DriveLog
 from navlearn.navigator import Navigator, NavigatorRun, belief_at
 from navlearn.outages.replay import Solution
@@ -80,7 +81,7 @@ class AnarxMethod:
         return Solution(table=believed_table(t, solution, outage), notes=notes)
 
 
-def last_fix(run: NavigatorRun) -> tuple[int, int]:
+def last_fix(run: NavigatorRun | InsNavigatorRun) -> tuple[int, int]:
     """Return the block that ends with a run's last fix, and the first sample after it.
 
     GNSS is gone from there on: a fix just before an outage may be used at the end of an interval

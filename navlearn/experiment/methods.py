@@ -13,6 +13,9 @@ from navlearn.experiment.anarx_method import AnarxMethod
 from navlearn.experiment.augmented_method import AugmentedMethod
 from navlearn.experiment.azimuth_method import AzimuthMethod
 from navlearn.experiment.baselines import DeadReckoning, FilterMethod, FilterRuns
+from navlearn.experiment.ins_anarx_diagnostics import Diagnose
+from navlearn.experiment.ins_anarx_method import InsAnarxMethod
+from navlearn.experiment.ins_anarx_paper import PaperAnarxMethod
 from navlearn.experiment.ins_filter_runs import VARIANTS, InsFilterRuns
 from navlearn.experiment.ins_methods import InsDeadReckoning, InsFilterMethod, InsSmoothed
 from navlearn.experiment.learned import Learned
@@ -24,6 +27,7 @@ from navlearn.recipe import Recipe
 from navlearn.recipe.anarx_spec import AnarxSpec
 from navlearn.recipe.augmented_spec import AugmentedSpec
 from navlearn.recipe.azimuth_spec import AzimuthSpec
+from navlearn.recipe.ins_anarx_spec import InsAnarxSpec
 from navlearn.recipe.pseudo_outage_spec import PseudoOutageSpec
 from navlearn.recipe.spec_base import SpecBase
 
@@ -40,6 +44,8 @@ class MethodContext:
         ins_runs: Runs of the full-IMU filter, likewise.
         keep: Called with the name of each model and every fit of it that can be stored.
         truth: What no method can know; for oracles alone.
+        diagnose: Called with the name of each model of a full IMU and the diagnostics of each of
+            its fits.
     """
 
     recipe: Recipe
@@ -47,6 +53,7 @@ class MethodContext:
     ins_runs: InsFilterRuns
     keep: Keep | None = None
     truth: Truth | None = None
+    diagnose: Diagnose | None = None
 
 
 def _full_imu(context: MethodContext) -> bool:
@@ -79,11 +86,19 @@ FIXED: Final[dict[str, Callable[[MethodContext], Method]]] = {
 }
 """Builders of the methods that need no spec."""
 
+
+def _ins_anarx(context: MethodContext, spec: InsAnarxSpec) -> Method:
+    if spec.mode == "paper":
+        return PaperAnarxMethod(context.ins_runs, spec, context.diagnose)
+    return InsAnarxMethod(context.ins_runs, spec, context.keep, context.diagnose)
+
+
 LEARNED: Final[dict[type[SpecBase], Callable[[MethodContext, Any], Method]]] = {
     AugmentedSpec: lambda context, spec: AugmentedMethod(context.runs, spec),
     AnarxSpec: lambda context, spec: AnarxMethod(context.runs, spec, context.keep),
     PseudoOutageSpec: lambda context, spec: PseudoOutageMethod(context.runs, spec, context.keep),
     AzimuthSpec: lambda context, spec: AzimuthMethod(context.runs, spec, context.keep),
+    InsAnarxSpec: _ins_anarx,
 }
 """Builders of the methods that learn, by the class of their spec."""
 
@@ -93,6 +108,7 @@ def build_methods(
     keep: Keep | None = None,
     truth: Truth | None = None,
     runs: FilterRuns | None = None,
+    diagnose: Diagnose | None = None,
 ) -> dict[str, Method]:
     """Return the methods that a recipe compares, in its order.
 
@@ -101,10 +117,16 @@ def build_methods(
         keep: Called with the name of each model and every fit of it that can be stored.
         truth: What no method can know; for oracles alone.
         runs: Filter runs to share; None makes them anew.
+        diagnose: Called with the diagnostics of each fit of a full IMU's models.
     """
     shared = FilterRuns(recipe) if runs is None else runs
     context = MethodContext(
-        recipe=recipe, runs=shared, ins_runs=InsFilterRuns(recipe), keep=keep, truth=truth
+        recipe=recipe,
+        runs=shared,
+        ins_runs=InsFilterRuns(recipe),
+        keep=keep,
+        truth=truth,
+        diagnose=diagnose,
     )
     return {name: _built(name, context) for name in recipe.methods}
 

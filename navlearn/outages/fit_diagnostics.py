@@ -65,6 +65,7 @@ class FusedPath:
         fix_t: Time of the fixes, s, shape (M,).
         fix: Fixes, shape (M, 3).
         truth: Truth or reference, shape (T, 3); None where there is none.
+        origin: Position of that origin, m, shape (3,); None for zero.
     """
 
     t: Array
@@ -73,6 +74,7 @@ class FusedPath:
     fix_t: Array
     fix: Array
     truth: Array | None = None
+    origin: Array | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,11 +100,12 @@ class FitDiagnostics:
 
         Args:
             t: Times of the truth, s, shape (N,).
-            truth: Positions in the path's axes, m, shape (N, 3).
+            truth: Positions in the path's axes, not yet against its origin, m, shape (N, 3).
         """
         if self.path is None:
             return self
-        at = np.stack([np.interp(self.path.t, t, column) for column in truth.T], -1)
+        from_origin = truth if self.path.origin is None else truth - self.path.origin
+        at = np.stack([np.interp(self.path.t, t, column) for column in from_origin.T], -1)
         return replace(self, path=replace(self.path, truth=at))
 
 
