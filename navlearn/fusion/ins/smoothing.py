@@ -1,0 +1,164 @@
+"""Smoothing a full-IMU drive: what its filter would have believed, had it known what was to come.
+
+Rauch–Tung–Striebel over the filter's own blocks [Rauch1965], as
+:mod:`navlearn.fusion.smoothing` does it for the RISS filter: one pass about the filter's own
+beliefs is the classical smoother, passes about what was smoothed before are the iterated one
+[Bell1994]. What the gate refused stays refused, and where it reset, the covariance that it opened
+is process noise.
+"""
+
+from typing import NamedTuple
+
+from torch import Tensor
+
+from navlearn.errors import ShapeError
+from navlearn.filters.ins_belief import InsBelief, map_ins_belief
+from navlearn.fusion.ins.history import InsHistory
+from navlearn.fusion.ins.loosely_coupled import InsEkf
+from navlearn.fusion.ins.model import InsFilterModel
+from navlearn.fusion.ins.smoothed_path import ins_smoothed_path
+from navlearn.fusion.ins.smoothing_pass import (
+    InsEvidence,
+    InsSmoothedPass,
+    belief_difference,
+    ins_evidence_of,
+    ins_smoothing_pass,
+)
+from navlearn.fusion.ins.timeline import ins_timeline
+from navlearn.fusion.record import starts_of_blocks
+from navlearn.fusion.smoothing import SmoothingOptions
+from navlearn.states import FixTiming, GnssFix, ImuSample, InsState
+
+AHEAD = 30.0
+"""A rotation counts as what it moves so far ahead of the car, m."""
+
+
+class SmoothedInsDrive(NamedTuple):
+    """A smoothed drive; K counts blocks.
+
+    Attributes:
+        end: Last sample of each block, int64, shape (B, K).
+        start: Belief before the first sample, batch shape (B,).
+        belief: Belief at the end of each block, batch shape (B, K).
+        trajectory: Solution at full rate, without jumps, batch shape (B, T).
+        transition: Φ of each block, shape (B, K, n, n).
+        gain: Smoother gain from each block's end to its start, shape (B, K, n, n).
+        passes: Passes it took.
+    """
+
+    end: Tensor
+    start: InsBelief
+    belief: InsBelief
+    trajectory: InsState
+    transition: Tensor
+    gain: Tensor
+    passes: int
+
+
+def smooth_ins(
+    ekf: InsEkf,
+    start: InsBelief,
+    samples: ImuSample,
+    fixes: GnssFix,
+    timing: FixTiming,
+    history: InsHistory,
+    options: SmoothingOptions | None = None,
+) -> SmoothedInsDrive:
+    """Smooth what a full-IMU filter made of drives.
+
+    Args:
+        ekf: The filter.
+        start: Belief with which it started, batch shape (B,) or ().
+        samples: Its samples, shape (B, T) or (T,) each, vectors (B, T, 3) or (T, 3).
+        fixes: Its fixes, shape (B, M) or (M,) each.
+        timing: Where they fall among the samples.
+        history: What it made of them; its verdicts are kept.
+        options: Passes; None means the defaults.
+
+    Returns:
+        Smoothed drives; without batch axis where the input had none.
+
+    Raises:
+        ShapeError: The history is not that of these samples and fixes.
+    """
+    if samples.dt.dim() == 1:
+        batched = smooth_ins(
+            ekf,
+            map_ins_belief(start, _unsqueezed),
+            ImuSample(*map(_unsqueezed, samples)),
+            GnssFix(*map(_unsqueezed, fixes)),
+            FixTiming(*map(_unsqueezed, timing)),
+            _with_batch(history),
+            options,
+        )
+        return _without_batch(batched)
+    model = ekf.model
+    line = ins_timeline(model, samples, fixes, timing)
+    if history.end.shape != line.blocks.end.shape or bool((history.end != line.blocks.end).any()):
+        raise ShapeError(
+            f"smoothing: the history has {history.end.shape[-1]} blocks that end elsewhere than "
+            f"the {line.blocks.end.shape[-1]} of these samples and fixes; pass what the filter ran "
+            "on, and the filter itself"
+        )
+    evidence = ins_evidence_of(model, start, line, history, ekf.noise)
+    found, passes = _iterated(model, evidence, history.belief, options or SmoothingOptions())
+    return SmoothedInsDrive(
+        line.blocks.end,
+        found.start,
+        found.belief,
+        ins_smoothed_path(model, found.start, found.belief, line),
+        found.transition,
+        found.gain,
+        passes,
+    )
+
+
+def _iterated(
+    model: InsFilterModel, evidence: InsEvidence, belief: InsBelief, options: SmoothingOptions
+) -> tuple[InsSmoothedPass, int]:
+    begin = starts_of_blocks(evidence.start, belief)
+    first = found = ins_smoothing_pass(model, evidence, begin)
+    moved = 0.0
+    for number in range(2, options.passes + 1):
+        begin = starts_of_blocks(found.start, found.belief)
+        found = ins_smoothing_pass(model, evidence, begin)
+        moved = _largest_move(starts_of_blocks(found.start, found.belief), begin)
+        if moved < options.tolerance:
+            return found, number
+    # written so that NaN, which is not below anything, gives up too
+    return (found, options.passes) if moved < options.give_up else (first, 1)
+
+
+def _largest_move(new: InsBelief, old: InsBelief) -> float:
+    moved = belief_difference(new, old)[..., :9].detach().abs()
+    return max(float(moved[..., :6].amax()), AHEAD * float(moved[..., 6:].amax()))
+
+
+def _unsqueezed(x: Tensor) -> Tensor:
+    return x.unsqueeze(0)
+
+
+def _first(x: Tensor) -> Tensor:
+    return x[0]
+
+
+def _with_batch(history: InsHistory) -> InsHistory:
+    return history._replace(
+        end=history.end.unsqueeze(0),
+        prior=map_ins_belief(history.prior, _unsqueezed),
+        belief=map_ins_belief(history.belief, _unsqueezed),
+        innovation=history.innovation.unsqueeze(0),
+        verdict=history.verdict.unsqueeze(0),
+    )
+
+
+def _without_batch(drive: SmoothedInsDrive) -> SmoothedInsDrive:
+    return SmoothedInsDrive(
+        drive.end[0],
+        map_ins_belief(drive.start, _first),
+        map_ins_belief(drive.belief, _first),
+        InsState(*map(_first, drive.trajectory)),
+        drive.transition[0],
+        drive.gain[0],
+        drive.passes,
+    )

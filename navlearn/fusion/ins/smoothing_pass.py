@@ -1,0 +1,158 @@
+"""One pass of the full-IMU smoother: every block linearised at its guess, smoothed over all.
+
+As for the RISS filter (:mod:`navlearn.fusion.smoothing_pass`): deviations from what blocks
+predict from their guessed starts are a linear system, filtered and smoothed in parallel.
+"""
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from navlearn.filters.ins_belief import InsBelief, map_ins_belief
+from navlearn.filters.scan import LinearSteps, filter_in_parallel
+from navlearn.filters.smoother import forward_pass, smooth_in_parallel
+from navlearn.fusion.gating import taken
+from navlearn.fusion.ins.composed import by_preintegration, by_product
+from navlearn.fusion.ins.history import InsHistory
+from navlearn.fusion.ins.layout import moved_belief, state_difference
+from navlearn.fusion.ins.model import InsFilterModel, advanced_sensor
+from navlearn.fusion.ins.noise import InsNoise
+from navlearn.fusion.ins.recursion import ins_opened
+from navlearn.fusion.ins.timeline import InsTimeline
+from navlearn.fusion.ins.updates import ins_measured
+from navlearn.fusion.measurements import Verdict
+from navlearn.states import ImuSample
+
+
+class InsEvidence(NamedTuple):
+    """What all passes over a drive share.
+
+    Attributes:
+        start: Belief before the first sample, batch shape (B,).
+        line: The drives in blocks.
+        noise: Noise densities and deviations.
+        verdict: The filter's verdicts, which are kept, shape (B, K, kinds).
+        opened: Variance that the gate's resets added at the ends of blocks, shape (B, K, n).
+    """
+
+    start: InsBelief
+    line: InsTimeline
+    noise: InsNoise
+    verdict: Tensor
+    opened: Tensor
+
+
+class InsSmoothedPass(NamedTuple):
+    """What a pass gives.
+
+    Attributes:
+        start: Smoothed belief before the first sample, batch shape (B,).
+        belief: Smoothed belief at the end of each block, batch shape (B, K).
+        transition: Φ of each block at the guess, shape (B, K, n, n).
+        gain: Smoother gain from each block's end to its start, shape (B, K, n, n).
+    """
+
+    start: InsBelief
+    belief: InsBelief
+    transition: Tensor
+    gain: Tensor
+
+
+def ins_evidence_of(
+    model: InsFilterModel,
+    start: InsBelief,
+    line: InsTimeline,
+    history: InsHistory,
+    noise: InsNoise,
+) -> InsEvidence:
+    """Return what a filter's history holds against drives.
+
+    Args:
+        model: The filter.
+        start: Belief before the first sample, batch shape (B,).
+        line: The drives in blocks.
+        history: What the filter made of them.
+        noise: Noise densities and deviations.
+
+    Returns:
+        Verdicts, and what resets opened.
+    """
+    extra = torch.zeros_like(history.belief.covariance[..., 0])
+    if bool((history.verdict == int(Verdict.ACCEPTED_BY_RESET)).any()):
+        found = ins_measured(model, history.prior, line.occasion, noise)
+        found = found._replace(innovation=torch.nan_to_num(history.innovation))
+        extra = ins_opened(model, history.verdict, found)
+    return InsEvidence(start, line, noise, history.verdict, extra)
+
+
+def ins_smoothing_pass(
+    model: InsFilterModel, evidence: InsEvidence, begin: InsBelief
+) -> InsSmoothedPass:
+    """Filter and smooth deviations from what blocks predict from a guess of their starts.
+
+    Args:
+        model: The filter.
+        evidence: What the filter was told and what it refused.
+        begin: Guess of the beliefs at which blocks start, batch shape (B, K).
+
+    Returns:
+        Smoothed beliefs.
+    """
+    start, line = evidence.start, evidence.line
+    end, transition, q = _predicted(model, begin, line.samples, evidence.noise)
+    found = ins_measured(model, end, line.occasion, evidence.noise)
+    used = taken(model, found, evidence.verdict)
+    steps = LinearSteps(
+        transition,
+        _shift(begin, end, transition),
+        q + torch.diag_embed(evidence.opened),
+        used.observation,
+        used.variance,
+        used.innovation,
+    )
+    guess = map_ins_belief(begin, lambda x: x[:, 0])
+    prior = belief_difference(start, guess)
+    filtered = filter_in_parallel(prior, start.covariance, steps)
+    smoothed = smooth_in_parallel(forward_pass(prior, start.covariance, steps, filtered))
+    mean, covariance = smoothed.mean, smoothed.covariance
+    return InsSmoothedPass(
+        moved_belief(guess, mean[:, 0])._replace(covariance=covariance[:, 0]),
+        moved_belief(end, mean[:, 1:])._replace(covariance=covariance[:, 1:]),
+        transition,
+        smoothed.gain,
+    )
+
+
+def _predicted(
+    model: InsFilterModel, begin: InsBelief, samples: ImuSample, noise: InsNoise
+) -> tuple[InsBelief, Tensor, Tensor]:
+    """Return the beliefs at blocks' ends, covariance aside, with Φ and Q of the blocks."""
+    steady = model.options.correlation_time == float("inf") or not model.layout.has_bias
+    closed_form = model.options.model == "phi_angle" and steady
+    compose = by_preintegration if closed_form else by_product
+    state, transition, q = compose(model, begin, samples, noise)
+    sensor = advanced_sensor(model, begin.sensor, samples.dt.sum(-1))
+    return begin._replace(state=state, sensor=sensor), transition, q
+
+
+def belief_difference(belief: InsBelief, other: InsBelief) -> Tensor:
+    """Return minus the correction by which ``moved_belief`` moves ``belief`` to ``other``.
+
+    Args:
+        belief: Belief, batch shape (...).
+        other: Belief nearby, batch shape (...).
+
+    Returns:
+        ``belief`` minus ``other`` in the order of the error state, shape (..., n).
+    """
+    parts = (state_difference(belief.state, other.state), belief.sensor - other.sensor)
+    return torch.cat(parts, -1)
+
+
+def _shift(begin: InsBelief, end: InsBelief, transition: Tensor) -> Tensor:
+    """Return by how much a block's prediction moves because the one before ends elsewhere."""
+    ended = map_ins_belief(end, lambda x: x[:, :-1])
+    gap = belief_difference(ended, map_ins_belief(begin, lambda x: x[:, 1:]))
+    gap = torch.nn.functional.pad(gap, (0, 0, 1, 0))
+    return (transition @ gap.unsqueeze(-1)).squeeze(-1)
