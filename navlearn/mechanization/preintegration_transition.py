@@ -110,8 +110,8 @@ def _walked(by_sensor: Tensor, walk: Tensor, duration: Tensor) -> Tensor:
     density = (walk * walk).unsqueeze(-2) * T
     known_density = density[..., :known]
     cross = by_sensor * known_density / (row.unsqueeze(-1) + gyro + 1.0)
-    total = torch.zeros_like(by_sensor[..., :1]) * row
     both = row.unsqueeze(-1) + row + 1.0
+    total = torch.zeros_like(T) * both
     for kind in (0.0, 1.0):
         chosen = torch.where(gyro == kind, by_sensor, torch.zeros_like(by_sensor))
         spread = (chosen * known_density) @ chosen.transpose(-1, -2)
