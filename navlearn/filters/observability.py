@@ -17,8 +17,9 @@ from navlearn.errors import ConfigError, ShapeError
 Form = Literal["total", "stripped"]
 
 TOLERANCE = 1e-9
-"""Singular values count from this share of the largest on: far above rounding (about 1e-15), far
-below what Earth rate, the smallest effect that navigation knows, shows in a minute."""
+"""Singular values count from this share of the largest on: far above rounding (1e-16), below what
+Earth rate shows in some seconds. Over longer windows effects of second order, such as the Coriolis
+force of a straight drive, come near it: look at the values themselves, or choose 1e-7."""
 
 
 class Observed(NamedTuple):
@@ -136,6 +137,35 @@ def unobservable(found: Observed) -> Tensor:
             f"unobservable: found windows of shape {tuple(found.rank.shape)}; give one at a time"
         )
     return found.directions[:, int(found.rank) :]
+
+
+def hidden_parts(found: Observed) -> Tensor:
+    """Return how much of every state lies in what a window says nothing of.
+
+    Unlike single directions this does not depend on the basis in which they are told.
+
+    Args:
+        found: What windows tell, batch shape (...).
+
+    Returns:
+        Squared length of each state's projection, 0 for one that is observed, 1 for one of which
+        nothing is known, shape (..., n).
+    """
+    order = torch.arange(found.left.shape[-1], device=found.left.device)
+    hidden = (order >= found.rank.unsqueeze(-1)).to(found.left)
+    return (found.directions**2 * hidden.unsqueeze(-2)).sum(-1)
+
+
+def left_of_states(found: Observed) -> Tensor:
+    """Return what a window leaves of every state's deviation at its start.
+
+    Args:
+        found: What windows tell, with rows scaled by their noise, batch shape (...).
+
+    Returns:
+        Standard deviation given the window, against the initial one, shape (..., n).
+    """
+    return (found.directions**2 * (found.left**2).unsqueeze(-2)).sum(-1).sqrt()
 
 
 def _segments(transition: Tensor, observation: Tensor) -> Tensor:

@@ -1,7 +1,6 @@
 """The part of a report that says what a filter could and could not observe, and its files."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -16,6 +15,7 @@ from navlearn.outages.observability_record import (
 )
 from navlearn.outages.observability_tables import direction_table, phases, state_table
 from navlearn.outages.output import OutputFolder
+from navlearn.outages.run_summary import Chapter
 from navlearn.outages.schedule import Outage
 
 HARDLY = 0.9
@@ -27,19 +27,6 @@ SHADING = (
 )
 
 
-@dataclass(frozen=True, kw_only=True)
-class ObservabilityFindings:
-    """What a report takes in.
-
-    Attributes:
-        section: Lines of Markdown, a heading first.
-        figures: Captions by file name.
-    """
-
-    section: tuple[str, ...]
-    figures: dict[str, str]
-
-
 def write_observability(
     output: OutputFolder,
     record: ObservabilityRecord,
@@ -47,7 +34,7 @@ def write_observability(
     *,
     ending: str = "",
     whose: str = "the filter",
-) -> ObservabilityFindings:
+) -> Chapter:
     """Write ``observability.csv`` and, with matplotlib, three figures.
 
     Args:
@@ -58,7 +45,7 @@ def write_observability(
         whose: Method and drive that the record is of, for the text.
 
     Returns:
-        What the report says, and the figures' captions.
+        The chapter of the report.
 
     Raises:
         OutputExistsError: A file of that name exists which no run wrote.
@@ -84,7 +71,7 @@ def write_observability(
         for name, (draw, caption) in drawn.items():
             draw(output.claim(name), record, outages)
             figures[name] = caption
-    return ObservabilityFindings(
+    return Chapter(
         section=tuple(observability_section(record, outages, whose=whose)), figures=figures
     )
 

@@ -19,7 +19,13 @@ from navlearn.filters.degree_of_observability import (
     main_components,
     normalized_covariance,
 )
-from navlearn.filters.observability import observability_matrix, observability_rank, unobservable
+from navlearn.filters.observability import (
+    hidden_parts,
+    left_of_states,
+    observability_matrix,
+    observability_rank,
+    unobservable,
+)
 from navlearn.filters.scan import LinearSteps, filter_in_turn
 
 LAT, G, EARTH = 0.75, 9.8, (7.292e-5, 6.37e6)
@@ -97,7 +103,7 @@ def fixes(count: int, states: int = 15, velocity: bool = True) -> Tensor:
 
 def observed(phi: Tensor, velocity: bool = True, form: str = "total"):
     n = phi.shape[-1]
-    H = fixes(phi.shape[0], n, velocity)
+    H = fixes(phi.shape[-3], n, velocity).expand(*phi.shape[:-2], -1, -1)
     matrix = observability_matrix(phi, H, form=form)
     return observability_rank(matrix, SIGMAS[:n], noise=NOISE[: H.shape[-2]])
 
@@ -150,6 +156,7 @@ def test_straight_acceleration_leaves_only_the_rotation_about_the_road() -> None
     hidden[9:12, 0] = -C.T @ torch.linalg.cross(w, phi)
     hidden[12:15, 0] = -C.T @ torch.linalg.cross(f_l, phi)
     assert_same_span(unobservable(found), hidden / SIGMAS.unsqueeze(1))
+    torch.testing.assert_close(hidden_parts(found), unobservable(found)[:, 0] ** 2)
     words = direction_in_words(unobservable(found)[:, 0], NAMES)
     assert "phi up" not in words
     assert "accel bias x" in words  # roll hides behind the transversal accelerometer
@@ -188,6 +195,7 @@ def test_a_mems_gyro_feels_no_earth_rate() -> None:
     for segments, low, high in (((REST,), 0.99, 1.01), ((REST, SPEED_UP, BRAKE), 0.0, 0.15)):
         phi = transitions(*segments)
         left = information_left(phi)
+        np.testing.assert_allclose(left_of_states(observed(phi)).numpy(), left, rtol=1e-9)
         assert low < left[azimuth] < high
         # accelerometer biases across the road stay behind the tilt either way
         assert left[NAMES.index("accel_bias_x")] > 0.85
@@ -202,6 +210,13 @@ def information_left(phi: Tensor) -> np.ndarray:
     scaled = rows * SIGMAS
     left = np.linalg.inv(np.eye(15) + (scaled.T @ scaled).numpy())
     return np.sqrt(np.diag(left) * np.diag(P.numpy())) / SIGMAS.numpy()
+
+
+def test_hidden_parts_add_up_to_what_is_hidden() -> None:
+    found = observed(torch.stack([transitions(REST), transitions(TURN)[:1].expand(20, 15, 15)]))
+    assert found.rank.tolist() == [12, 12]
+    torch.testing.assert_close(hidden_parts(found).sum(-1), vector(3.0, 3.0))
+    assert float(hidden_parts(found)[:, :6].max()) < 1e-12
 
 
 @pytest.mark.parametrize("segments", [(REST,), (STEADY, SPEED_UP), (STEADY, TURN)])
