@@ -58,8 +58,8 @@ def covariance_of(gram: Tensor, gyro: Tensor, accel: Tensor, duration: Tensor) -
     Args:
         gram: Sums of (P, A, τ, 1) times themselves times dt, shape (N, 8, 8).
         gyro: What the sums are to be multiplied with: the spectral density of the rate, rad²/s,
-            or one where they hold it, shape () or (N, 1).
-        accel: Spectral density of the force, m²/s³, shape () or (...).
+            or one where they hold it, shape (1, 1) or (N, 1).
+        accel: Spectral density of the force, m²/s³, shape (1, 1) or (N, 1).
         duration: Length of the windows, s, shape (N, 1).
 
     Returns:
@@ -69,7 +69,7 @@ def covariance_of(gram: Tensor, gyro: Tensor, accel: Tensor, duration: Tensor) -
     gram = gram * gyro.unsqueeze(-1)
     time = duration.unsqueeze(-1)
     # exact for white force, where sums over midpoints lack what happens within a sample
-    force = accel.reshape(-1, 1, 1) * eye
+    force = accel.unsqueeze(-1) * eye
     pp = _double_cross(gram[:, P, P], eye) + force * (time**3 / 3.0)
     vv = _double_cross(gram[:, A, A], eye) + force * time
     pv = _double_cross(gram[:, A, P], eye) + force * (0.5 * time**2)
@@ -102,4 +102,5 @@ def skew(vector: Tensor) -> Tensor:
     """
     x, y, z = vector.unbind(-1)
     o = torch.zeros_like(x)
-    return torch.stack((o, -z, y, z, o, -x, -y, x, o), -1).unflatten(-1, (3, 3))
+    rows = (torch.stack((o, -z, y), -1), torch.stack((z, o, -x), -1), torch.stack((-y, x, o), -1))
+    return torch.stack(rows, -2)

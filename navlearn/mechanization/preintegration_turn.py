@@ -3,13 +3,15 @@
 Channels lie as separate tensors: a quaternion product is then sixteen fused products along
 contiguous memory. A window of n rotations is cut into about √n chunks; the products inside all
 chunks are formed step by step, then those over chunks, then both are joined: two products per
-sample instead of log₂ n.
+sample instead of log₂ n. Derivatives need no recursion at all: what a small change of one rotation
+does to all later products is one rotation seen from the start, so they are cumulative sums.
 """
 
 import math
 
 import torch
 from torch import Tensor
+from torch.autograd.function import FunctionCtx
 
 Quaternion = tuple[Tensor, Tensor, Tensor, Tensor]
 
@@ -56,11 +58,64 @@ def prefix_products(turns: Quaternion) -> Quaternion:
     """Return the products q_1, q_1 q_2, … of each window.
 
     Args:
-        turns: Quaternions of n successive rotations, shape (N, n) each.
+        turns: Unit quaternions of n successive rotations, shape (N, n) each.
 
     Returns:
         Products up to and with each, shape (N, n) each.
     """
+    return _of(_Products.apply(*turns))  # type: ignore[no-untyped-call]
+
+
+class _Products(torch.autograd.Function):
+    """Prefix products with the derivatives that unit quaternions allow.
+
+    q_k = q_{j−1} d_j (d_{j+1} … d_k), and the last factor is q_j* q_k where all are unit.
+    """
+
+    generate_vmap_rule = True
+
+    @staticmethod
+    def forward(w: Tensor, x: Tensor, y: Tensor, z: Tensor) -> Quaternion:
+        return _products((w, x, y, z))
+
+    @staticmethod
+    def setup_context(ctx: FunctionCtx, _: Quaternion, output: Quaternion) -> None:
+        ctx.save_for_backward(*output)
+        ctx.save_for_forward(*output)
+
+    @staticmethod
+    def backward(ctx: FunctionCtx, *grads: Tensor) -> Quaternion:
+        q = _of(ctx.saved_tensors)  # type: ignore[attr-defined]
+        told = product(_of(grads), conjugate(q))
+        later = _of([x.flip(-1).cumsum(-1).flip(-1) for x in told])
+        return product(product(conjugate(_before(q)), later), q)
+
+    @staticmethod
+    def jvp(ctx: FunctionCtx, *tangents: Tensor) -> Quaternion:
+        q = _of(ctx.saved_tensors)  # type: ignore[attr-defined]
+        moved = product(product(_before(q), _of(tangents)), conjugate(q))
+        return product(_of([x.cumsum(-1) for x in moved]), q)
+
+
+def conjugate(q: Quaternion) -> Quaternion:
+    """Return the conjugates of quaternions, the inverses of unit ones.
+
+    Args:
+        q: Scalar-first components, shape (...) each.
+
+    Returns:
+        The same with the vector part turned round.
+    """
+    return q[0], -q[1], -q[2], -q[3]
+
+
+def _before(q: Quaternion) -> Quaternion:
+    """Return the product before each sample, one before the first."""
+    first = torch.ones_like(q[0][:, :1])
+    return _of([torch.cat((first * (k == 0), x[:, :-1]), -1) for k, x in enumerate(q)])
+
+
+def _products(turns: Quaternion) -> Quaternion:
     windows, n = turns[0].shape
     size = max(1, math.isqrt(n))
     chunks = -(-n // size)
@@ -72,7 +127,9 @@ def prefix_products(turns: Quaternion) -> Quaternion:
     before = _in_turn([(one, zero, zero, zero), *over])
     start = _of([torch.stack(x, -1) for x in zip(*before, strict=True)])
     joined = product(start, _of([torch.stack(x, 0) for x in zip(*inside, strict=True)]))
-    return _of([x.permute(1, 2, 0).reshape(windows, chunks * size)[:, :n] for x in joined])
+    flat = [x.permute(1, 2, 0).reshape(windows, chunks * size) for x in joined]
+    # outputs of a function of one's own must be no views
+    return _of([x if x.shape[1] == n else x[:, :n].clone() for x in flat])
 
 
 def _less(total: Tensor, left: Tensor, right: Tensor) -> Tensor:

@@ -74,8 +74,8 @@ def preintegrate(
         omega_ib_b: Mean angular rate of each interval as measured, rad/s, shape (..., n, 3).
         f_b: Mean specific force of each interval as measured, m/s², shape (..., n, 3).
         dt: Length of each interval, s, shape (..., n); zero marks padding and moves nothing.
-        gyro_random_walk: Density of the gyros' white noise, the same for the three axes, rad/√s,
-            shape () or (..., n).
+        gyro_random_walk: Density of the gyros' white noise, the same for the three axes, rad/√s:
+            one, one per window or one per sample, shape (), (...) or (..., n).
         accel_random_walk: Density of the accelerometers' white noise, m/s/√s, shape () or (...).
         gyro_bias: Taken off the rate, rad/s, shape (..., 3); None means zero.
         accel_bias: Taken off the force, m/s², shape (..., 3); None means zero.
@@ -96,9 +96,9 @@ def preintegrate(
     bent = _cross(turn, speed)
     # ∫ exp([ω]s) f ds seen from the middle of the sample is (I + [θ×]²/24) f dt
     middle = torch.add(speed, _cross(turn, bent), alpha=1.0 / 24.0)
-    pre = _integrated(
-        Increments(turn, middle, bent, step), gyro_random_walk, accel_random_walk, scale_factors
-    )
+    samples = Increments(turn, middle, bent, step)
+    gyro = _density(gyro_random_walk, dt)
+    pre = _integrated(samples, gyro, _density(accel_random_walk, dt), scale_factors)
     return _in_windows(pre, dt.shape[:-1], gyro_scale, accel_scale)
 
 
@@ -121,8 +121,8 @@ def preintegrate_increments(
             within the interval compensated, m/s, shape (..., n, 3).
         dt: Length of each interval, s, shape (..., n); zero marks padding, whose increments must
             be zero, too.
-        gyro_random_walk: Density of the gyros' white noise, the same for the three axes, rad/√s,
-            shape () or (..., n).
+        gyro_random_walk: Density of the gyros' white noise, the same for the three axes, rad/√s:
+            one, one per window or one per sample, shape (), (...) or (..., n).
         accel_random_walk: Density of the accelerometers' white noise, m/s/√s, shape () or (...).
         gyro_scale: Scale factor that was taken off the rate, for the derivatives alone, shape
             (..., 3); None means zero.
@@ -141,9 +141,9 @@ def preintegrate_increments(
     # back by half the rotation; the fourth order is far below what an increment resolves
     middle = torch.add(speed, bent, alpha=-0.5).add(_cross(turn, bent), alpha=0.125)
     step = dt.reshape(-1, dt.shape[-1])
-    pre = _integrated(
-        Increments(turn, middle, bent, step), gyro_random_walk, accel_random_walk, scale_factors
-    )
+    samples = Increments(turn, middle, bent, step)
+    gyro = _density(gyro_random_walk, dt)
+    pre = _integrated(samples, gyro, _density(accel_random_walk, dt), scale_factors)
     return _in_windows(pre, dt.shape[:-1], gyro_scale, accel_scale)
 
 
@@ -164,11 +164,9 @@ class Increments(NamedTuple):
 
 
 def _integrated(
-    samples: Increments,
-    gyro_random_walk: float | Tensor,
-    accel_random_walk: float | Tensor,
-    scale_factors: bool,
+    samples: Increments, gyro: Tensor, accel: Tensor, scale_factors: bool
 ) -> Preintegrated:
+    """Return increments of N windows; densities are squares, per window (N, 1) or sample (N, n)."""
     dt = samples.dt
     step = quaternions_of(samples.turn)
     after = prefix_products(step)
@@ -189,20 +187,18 @@ def _integrated(
     total = sums[..., -1]
     # half of the sample itself: what its rotation does to its own increment
     to_come = torch.add(total.unsqueeze(-1) - sums, added, alpha=0.5)
-    told = torch.cat((to_come, torch.stack((tau, torch.ones_like(tau)), 1)), 1)
+    way_to_come = torch.addcmul(to_come[:, :3], added[:, 3:], curve.unsqueeze(1))
+    told = torch.cat((way_to_come, to_come[:, 3:], torch.stack((tau, torch.ones_like(tau)), 1)), 1)
     turned = torch.stack(R, 1).transpose(-1, -2)
     timed = told * dt.unsqueeze(1)
-    moments = (timed @ turned).unflatten(-1, (3, 3))
+    moments = (timed @ turned).reshape(-1, 8, 3, 3)
     by_sensor = [by_rate(moments), by_force(moments)]
     if scale_factors:
-        in_turn = (told @ (turned * _columns(samples.turn))).unflatten(-1, (3, 3))
-        in_speed = (told @ (turned * _columns(samples.speed))).unflatten(-1, (3, 3))
+        in_turn = (told @ (turned * _columns(samples.turn))).reshape(-1, 8, 3, 3)
+        in_speed = (told @ (turned * _columns(samples.speed))).reshape(-1, 8, 3, 3)
         by_sensor += [by_rate(in_turn), by_force(in_speed)]
-    gyro = torch.as_tensor(gyro_random_walk, dtype=dt.dtype, device=dt.device) ** 2
-    accel = torch.as_tensor(accel_random_walk, dtype=dt.dtype, device=dt.device) ** 2
-    if gyro.dim() > 0:
-        timed = timed * gyro.reshape(-1, 1, gyro.shape[-1])
-        gyro = torch.ones_like(duration)
+    if gyro.shape[1] > 1:
+        timed, gyro = timed * gyro.unsqueeze(1), torch.ones_like(duration)
     covariance = covariance_of(timed @ told.transpose(-1, -2), gyro, accel, duration)
     return Preintegrated(
         duration.squeeze(-1),
@@ -239,6 +235,17 @@ def _true(measured: Tensor, bias: Tensor | None, scale: Tensor | None) -> Tensor
     if bias is not None:
         measured = measured - bias.unsqueeze(-2)
     return measured if scale is None else measured / (1.0 + scale.unsqueeze(-2))
+
+
+def _density(random_walk: float | Tensor, dt: Tensor) -> Tensor:
+    """Return the square of a random walk as (1, 1), (N, 1) or (N, n)."""
+    walk = torch.as_tensor(random_walk, dtype=dt.dtype, device=dt.device)
+    density = walk * walk
+    if density.dim() == dt.dim() and dt.shape[-1] > 1:
+        return density.expand(dt.shape).reshape(-1, dt.shape[-1])
+    if density.dim() < dt.dim():
+        density = density.unsqueeze(-1)
+    return density.reshape(-1, 1)
 
 
 def _channels(vectors: Tensor) -> Tensor:
