@@ -16,7 +16,7 @@ SMALLEST = {
     "pci": ["--repeats", "1", "--windows", "2", "--draws", "2", "--rows", "100", "--seeds", "1"],
     "predictor": ["--rows", "20", "--repeats", "1"],
     "preintegration": [
-        *("--windows", "4", "--samples", "10", "--repeats", "1", "--seconds", "20"),
+        *("--windows", "4", "--samples", "10", "--repeats", "1", "--seconds", "60"),
     ],
     "smoothing": [
         *("--grades", "mems_m", "--seeds", "11", "--outages", "1x30"),
