@@ -114,8 +114,8 @@ def diffusion(layout: InsLayout, omega_ib_b: Tensor, noise: InsNoise) -> Tensor:
 def discretized(dynamics: Tensor, density: Tensor, dt: Tensor) -> tuple[Tensor, Tensor]:
     """Return transition and process noise of a short interval.
 
-    The exponential to second order and Q = ½ (Φ Qc Φᵀ + Qc) Δt: over a hundredth of a second that
-    is Van Loan's to 1e-8. [Groves2013] Eq. (3.23), (14.79).
+    The exponential to second order and Q = ½ (Φ Qc Φᵀ + Qc) Δt, which differ from Van Loan's by
+    the third order of F Δt. [Groves2013] Eq. (3.23), (3.46).
 
     Args:
         dynamics: F, 1/s, shape (..., n, n).
