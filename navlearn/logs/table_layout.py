@@ -2,7 +2,7 @@
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, model_validator
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Latency = Annotated[float, Field(ge=-10.0, le=10.0)]
@@ -52,6 +52,8 @@ class Table(Strict):
 
     Attributes:
         file: File name in the log's folder.
+        format: ``table`` (CSV or Parquet); or, for fixes, ``nmea`` or ``ubx``: what a receiver
+            wrote. Left out, the file's ending tells.
         time: Column of time stamps.
         columns: Canonical column to where it comes from; a bare string is a name in SI units.
             Left out, the file's own canonical names are taken, unit suffixes understood. Where
@@ -59,15 +61,27 @@ class Table(Strict):
         velocity: Horizontal velocity, where the file has it as speed and course.
         epoch: Column of exact epochs on the receiver's own clock, where ``time`` is the jittery
             time of arrival.
+        clock_start: What UTC it was when the clock of the log's other tables read zero, for a
+            receiver's file; left out where they are stamped in UTC seconds since 1970.
         sampling: ``interval`` where a sample is the mean over the interval ending at its time.
     """
 
     file: str
+    format: Literal["table", "nmea", "ubx"] | None = None
     time: Column = Column(column="t")
     columns: dict[str, Column] | None = None
     velocity: SpeedAndCourse | None = None
     epoch: Column | None = None
+    clock_start: AwareDatetime | None = None
     sampling: Literal["instant", "interval"] = "instant"
+
+    @property
+    def kind(self) -> str:
+        """What the file is: ``table``, ``nmea`` or ``ubx``."""
+        if self.format is not None:
+            return self.format
+        ending = self.file.lower().removesuffix(".gz").rpartition(".")[2]
+        return ending if ending in ("nmea", "ubx") else "table"
 
 
 class Origin(Strict):

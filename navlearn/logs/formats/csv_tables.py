@@ -1,10 +1,11 @@
-"""Plain tables: one CSV, compressed CSV or Parquet file per table.
+"""Plain tables: one CSV, compressed CSV or Parquet file per table; fixes also as NMEA or u-blox.
 
 With a descriptor any columns, units and axes; without one the canonical names of
 :mod:`navlearn.logs.columns`, where a suffix may tell another unit (``lat_deg``, ``speed_kmh``).
 """
 
 import zlib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -17,12 +18,18 @@ from navlearn.logs.columns import TABLES
 from navlearn.logs.descriptor import Descriptor
 from navlearn.logs.formats.epochs import clock_from_epochs
 from navlearn.logs.formats.finding import listing
+from navlearn.logs.formats.nmea import read_nmea
+from navlearn.logs.formats.receiver import on_the_logs_clock, refuse_other_clock
+from navlearn.logs.formats.ubx import read_ubx
 from navlearn.logs.local_positions import LOCAL, geodetic_table
 from navlearn.logs.nearest import nearest_hint
 from navlearn.logs.table_layout import Column, Table
 from navlearn.logs.units import factor_to_si, split_suffix
 
 ENDINGS: Final = (".csv", ".csv.gz", ".parquet")
+RECEIVER_ENDINGS: Final = (".nmea", ".nmea.gz", ".ubx", ".ubx.gz")
+"""Endings of what receivers write; for fixes alone."""
+
 _PANDAS: Final = tuple(int(part) for part in pd.__version__.split(".")[:2])
 # From 3.1 pandas reads every float64 exactly and warns of the option that older ones need.
 _EXACT: Final[Any] = {} if _PANDAS >= (3, 1) else {"float_precision": "round_trip"}
@@ -52,15 +59,23 @@ def read_csv_tables(folder: Path, descriptor: Descriptor) -> Published:
         MissingExtraError: A Parquet file is to be read without pyarrow.
     """
     layout = descriptor.tables or _usual_tables(folder)
-    tables = {
-        name: geodetic_table(table.file, _read(folder, name, table), descriptor.origin)
-        for name, table in layout.items()
-    }
+    tables: dict[str, pd.DataFrame] = {}
+    receiver: dict[str, object] = {}
+    for name, table in layout.items():
+        if table.kind == "table":
+            frame = _read(folder, name, table)
+            tables[name] = geodetic_table(table.file, frame, descriptor.origin)
+        else:
+            tables[name], notes = _receivers(folder, name, table, descriptor)
+            receiver[name] = dict(notes)
+    if "fixes" in receiver and "imu" in tables:
+        refuse_other_clock(layout["fixes"].file, tables["fixes"], tables["imu"])
     return Published(
-        tables={str(name): table for name, table in tables.items()},
+        tables=tables,
         files={str(name): table.file for name, table in layout.items()},
         source=f"csv: {folder}",
         interval_means=tuple(n for n, table in layout.items() if table.sampling == "interval"),
+        extra={"receiver": receiver} if receiver else {},
     )
 
 
@@ -72,7 +87,7 @@ def table_file(folder: Path, table: str) -> Path | None:
         table: Canonical name of the table.
     """
     for stem in STEMS[table]:
-        for ending in ENDINGS:
+        for ending in (*ENDINGS, *(RECEIVER_ENDINGS if table == "fixes" else ())):
             if (folder / f"{stem}{ending}").is_file():
                 return folder / f"{stem}{ending}"
     return None
@@ -118,9 +133,7 @@ def _usual_tables(folder: Path) -> dict[str, Table]:
 
 
 def _read(folder: Path, name: str, layout: Table) -> pd.DataFrame:
-    path = folder / layout.file
-    if not path.is_file():
-        raise LogNotFoundError(f"{path}: no such file; the folder holds {_near(path.parent)}")
+    path = _existing(folder, layout)
     frame = read_frame(path)
     if layout.columns is None:
         return _by_name(path.name, name, frame)
@@ -141,6 +154,19 @@ def _read(folder: Path, name: str, layout: Table) -> pd.DataFrame:
     return _on_epochs(path.name, frame, pd.DataFrame(result), layout.epoch)
 
 
+def _receivers(
+    folder: Path, name: str, layout: Table, descriptor: Descriptor
+) -> tuple[pd.DataFrame, Mapping[str, object]]:
+    if name != "fixes":
+        raise ConfigError(f"tables.{name}: a receiver's file ({layout.kind}) gives fixes alone")
+    path = _existing(folder, layout)
+    if layout.kind == "ubx":
+        found = read_ubx(path)
+    else:
+        found = read_nmea(path, with_separation=descriptor.geoid_height is None)
+    return on_the_logs_clock(found, layout), found.notes
+
+
 def _on_epochs(
     file: str, frame: pd.DataFrame, table: pd.DataFrame, epoch: Column | None
 ) -> pd.DataFrame:
@@ -149,6 +175,13 @@ def _on_epochs(
     table = without_empty_fixes(table.assign(epoch=_taken(file, frame, "t", epoch)))
     t, _ = clock_from_epochs(table["epoch"].to_numpy(np.float64), table["t"].to_numpy(np.float64))
     return table.assign(t=t).drop(columns="epoch")
+
+
+def _existing(folder: Path, layout: Table) -> Path:
+    path = folder / layout.file
+    if not path.is_file():
+        raise LogNotFoundError(f"{path}: no such file; the folder holds {_near(path.parent)}")
+    return path
 
 
 def _near(folder: Path) -> str:
