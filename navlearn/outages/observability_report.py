@@ -99,9 +99,10 @@ def observability_section(
         "of P′; then the eigenvalue of P″, and the largest components of the eigenvector in "
         "initial deviations.\n",
         "### Every state\n",
-        _state_text(state_table(record, outages)),
-        "Standard deviation at the start, and what is left of it: at the least, where the "
-        "outages begin and where they end (medians), at the drive's end.\n",
+        _state_text(state_table(record, outages), with_outages=bool(outages)),
+        "Standard deviation at the start, and what is left of it: at the least, "
+        + ("where the outages begin and where they end (medians), " if outages else "")
+        + "at the drive's end.\n",
         "### What may be concluded\n",
         *(f"- {line}" for line in conclusions(record, outages)),
     ]
@@ -174,7 +175,7 @@ def _direction_text(table: pd.DataFrame) -> str:
         [
             str(row["phase"]),
             str(row["moment"]),
-            *(str(row[f"{kind}_direction"]) for kind in kinds),
+            *(str(row[f"{kind}_direction"]) or "–" for kind in kinds),
             number(row["t"], 1),
             *(
                 _digits(float(row[f"{kind}_{figure}"]))
@@ -187,8 +188,9 @@ def _direction_text(table: pd.DataFrame) -> str:
     return markdown_table(header, lines, texts=4)
 
 
-def _state_text(table: pd.DataFrame) -> str:
-    figures = ["least", "outages_start", "outages_end", "last"]
+def _state_text(table: pd.DataFrame, *, with_outages: bool) -> str:
+    of_outages = ["outages_start", "outages_end"] if with_outages else []
+    figures = ["least", *of_outages, "last"]
     lines = [
         [
             str(row["state"]),
@@ -197,7 +199,8 @@ def _state_text(table: pd.DataFrame) -> str:
         ]
         for _, row in table.iterrows()
     ]
-    heads = ["least", "outages begin", "outages end", "drive ends"]
+    words = {"outages_start": "outages begin", "outages_end": "outages end", "last": "drive ends"}
+    heads = [words.get(name, name) for name in figures]
     return markdown_table(["state", "initially", *heads], lines)
 
 

@@ -67,7 +67,7 @@ def direction_table(record: ObservabilityRecord, looked_at: Sequence[Phase]) -> 
     Returns:
         A row per moment: ``phase``, ``moment``, ``t``, and of the ``best`` and the ``least``
         direction ``_left`` (deviation against the start), ``_share`` (eigenvalue of P'') and
-        ``_direction`` (in words).
+        ``_direction`` (in words; empty where all directions are alike, as at the start).
     """
     rows = []
     for phase in looked_at:
@@ -80,9 +80,7 @@ def direction_table(record: ObservabilityRecord, looked_at: Sequence[Phase]) -> 
                 value = record.eigenvalues[k, place]
                 row[f"{kind}_left"] = float(np.sqrt(value))
                 row[f"{kind}_share"] = float(value * record.to_share[k, 0])
-                row[f"{kind}_direction"] = direction_in_words(
-                    torch.from_numpy(vectors[k].copy()), record.names
-                )
+                row[f"{kind}_direction"] = _in_words(record, k, vectors[k])
             rows.append(row)
     return pd.DataFrame(rows)
 
@@ -123,6 +121,13 @@ def state_table(record: ObservabilityRecord, outages: Sequence[Outage]) -> pd.Da
             "share_growth": middle(share[ends] / share[starts]),
         }
     )
+
+
+def _in_words(record: ObservabilityRecord, k: int, direction: Array) -> str:
+    values = record.eigenvalues[k]
+    if values[-1] <= values[0] * (1.0 + 1e-9):
+        return ""
+    return direction_in_words(torch.from_numpy(direction.copy()), record.names)
 
 
 def _overlap(span: tuple[float, float], outage: Outage) -> bool:

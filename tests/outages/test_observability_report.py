@@ -153,6 +153,8 @@ def test_directions_are_named_at_start_middle_and_end(record: ObservabilityRecor
     assert start["best_direction"] == "azimuth 1.00"
     assert end["least_direction"].startswith("east 1.00")
     assert end["least_left"] == pytest.approx(np.sqrt(101.0 / 4.0), rel=1e-3)
+    at_start = direction_table(record, [Phase(name="start", start=0.0, end=0.0)]).iloc[0]
+    assert at_start["best_direction"] == at_start["least_direction"] == ""
     assert 0.0 < end["best_share"] < end["least_share"] < 3.0
 
 
@@ -200,7 +202,8 @@ def test_the_section_has_its_tables(record: ObservabilityRecord) -> None:
     assert "| azimuth | 0.1 rad | 0.1 | 0.1 | 0.2 | 0.1 |" in text
     assert "| outage 1 | start | azimuth 1.00 | gyro bias 1.00 | 20.0 |" in text
     no_outages = "\n".join(observability_section(record, []))
-    assert "| azimuth | 0.1 rad | 0.1 | – | – | 0.1 |" in no_outages
+    assert "| azimuth | 0.1 rad | 0.1 | 0.1 |" in no_outages
+    assert "outages end" not in no_outages
 
 
 def test_files_of_a_run_are_claimed_and_written(
