@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from navlearn.errors import ConfigError
+from navlearn.errors import ConfigError, LogError
 from navlearn.logs.clock import without_latency
 from navlearn.logs.drive_log import DriveLog
 from navlearn.logs.quality import Estimate, gnss_latency, odometer_latency
@@ -66,10 +66,26 @@ def open_log(recipe: Recipe) -> DriveLog:
 
 def _own_log(recipe: Recipe) -> DriveLog:
     """Return the log that a recipe names, as it was recorded or simulated."""
-    made = recipe.log.simulated
-    if made is not None:
-        return _simulated(made).log
-    return read_log(_path_of(recipe), format=recipe.log.format)
+    source = recipe.log
+    if source.simulated is not None:
+        log = _simulated(source.simulated).log
+    else:
+        log = read_log(_path_of(recipe), format=source.format)
+    return log if source.between_s is None else _part(log, *source.between_s)
+
+
+def _part(log: DriveLog, start: float, stop: float) -> DriveLog:
+    """Return a part of a log under a name of its own."""
+    part = log.between(start, stop)
+    if part.imu.empty:
+        first, last = log.imu["t"].iloc[0], log.imu["t"].iloc[-1]
+        raise LogError(
+            f"{log.metadata.name}: no IMU sample between {start:g} and {stop:g} s; it has some "
+            f"from {first:g} to {last:g} s: mend log.between_s"
+        )
+    name = f"{log.metadata.name}_{start:g}-{stop:g}s"
+    # Where it began is no longer its start.
+    return replace(part, metadata=replace(part.metadata, name=name, start=None))
 
 
 def _simulated(made: SimulatedSection) -> SimulatedDrive:

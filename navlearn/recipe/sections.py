@@ -91,6 +91,7 @@ class LogSource(Section):
         format: Reader of ``path``: ``native``, ``csv``, ``navinst`` or ``canedge``, or a descriptor
             whose layout is applied; recognised where left out.
         simulated: A drive to simulate.
+        between_s: First and last time of the part that is used, on the log's clock; null for all.
         gyro: A synthetic error to add to the log's gyro; None leaves it as it was recorded.
         aiding: Fixes and odometer to make from the reference, for logs that have none of their
             own; None takes what the log has.
@@ -100,6 +101,7 @@ class LogSource(Section):
     path: Path | None = None
     format: str | None = None
     simulated: SimulatedSection | None = None
+    between_s: tuple[float, float] | None = None
     gyro: GyroErrorSection | None = None
     aiding: AidingSection | None = None
 
@@ -111,6 +113,8 @@ class LogSource(Section):
                 "give one of 'descriptor', 'path' (with 'format') and 'simulated', not several "
                 "or none"
             )
+        if self.between_s is not None and not self.between_s[0] < self.between_s[1]:
+            raise ValueError(f"between_s is {list(self.between_s)}; give first and last time, s")
         if self.format is not None and self.path is None:
             raise ValueError("'format' belongs to 'path'; a descriptor names its own format")
         return self

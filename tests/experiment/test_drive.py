@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from navlearn.errors import ConfigError
+from navlearn.errors import ConfigError, LogError
 from navlearn.experiment.drive import open_log, sensor_truth_of, set_clocks, timeline_of
 from navlearn.logs.clock import without_latency
 from navlearn.logs.drive_log import DriveLog
@@ -130,5 +130,13 @@ def test_a_recipe_may_simulate_its_drive(tmp_path: Path) -> None:
     assert sensor_truth_of(made).gyro_error.tolist() == expected.sensor_truth.gyro_error.tolist()
     scenario = open_log(recipe("{profile: jaradat2017, seed: 3}"))
     pd.testing.assert_frame_equal(scenario.fixes, jaradat2017_scenario(3).log.fixes)
+    part = open_log(recipe("{profile: jaradat2017, seed: 3}, between_s: [20, 50]"))
+    assert part.metadata.name == "jaradat2017_jaradat2017_3_20-50s"
+    assert 20.0 <= part.imu["t"].min() < part.imu["t"].max() < 50.0
+    assert part.metadata.start is None
+    with pytest.raises(LogError, match=r"no IMU sample between 200 and 300 s"):
+        open_log(recipe("{profile: jaradat2017, seed: 3}, between_s: [200, 300]"))
+    with pytest.raises(ConfigError, match="between_s"):
+        recipe("{profile: jaradat2017, seed: 3}, between_s: [50, 20]")
     with pytest.raises(ConfigError, match=r"unknown profile 'towns'.*town"):
         recipe("{profile: towns}")
