@@ -132,3 +132,49 @@ def quaternion_from_angles(azimuth: Tensor, pitch: Tensor, roll: Tensor) -> Tens
     climb = torch.stack((torch.cos(pitch / 2), torch.sin(pitch / 2), zero, zero), dim=-1)
     bank = torch.stack((torch.cos(roll / 2), zero, torch.sin(roll / 2), zero), dim=-1)
     return quaternion_multiply(quaternion_multiply(turn, climb), bank)
+
+
+def quaternion_from_matrix(matrix: Tensor) -> Tensor:
+    """Return the unit quaternion of a rotation matrix, its scalar not negative.
+
+    [Markley2008]: each row of 4 q qᵀ is q times one of its components; the longest row is taken,
+    so that no rotation is lost to rounding.
+
+    Args:
+        matrix: Rotation matrix, shape (..., 3, 3).
+
+    Returns:
+        Scalar-first unit quaternion, shape (..., 4).
+    """
+    a, b, c = torch.diagonal(matrix, dim1=-2, dim2=-1).unbind(-1)
+    w_x = matrix[..., 2, 1] - matrix[..., 1, 2]
+    w_y = matrix[..., 0, 2] - matrix[..., 2, 0]
+    w_z = matrix[..., 1, 0] - matrix[..., 0, 1]
+    x_y = matrix[..., 1, 0] + matrix[..., 0, 1]
+    x_z = matrix[..., 0, 2] + matrix[..., 2, 0]
+    y_z = matrix[..., 2, 1] + matrix[..., 1, 2]
+    rows = torch.stack(
+        (
+            torch.stack((1.0 + a + b + c, w_x, w_y, w_z), dim=-1),
+            torch.stack((w_x, 1.0 + a - b - c, x_y, x_z), dim=-1),
+            torch.stack((w_y, x_y, 1.0 - a + b - c, y_z), dim=-1),
+            torch.stack((w_z, x_z, y_z, 1.0 - a - b + c), dim=-1),
+        ),
+        dim=-2,
+    )
+    longest = torch.diagonal(rows, dim1=-2, dim2=-1).argmax(-1)
+    row = torch.take_along_dim(rows, longest[..., None, None], dim=-2).squeeze(-2)
+    length = torch.sqrt((row * row).sum(-1, keepdim=True))
+    return torch.where(row[..., :1] < 0.0, -row, row) / length
+
+
+def angles_from_quaternion(quaternion: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Return azimuth, pitch and roll of the quaternion that turns body into local level.
+
+    Args:
+        quaternion: Scalar-first unit quaternion q_lb, shape (..., 4).
+
+    Returns:
+        Azimuth in [−π, π), pitch in [−π/2, π/2], roll in [−π, π), rad, each of shape (...).
+    """
+    return angles_from_matrix(matrix_from_quaternion(quaternion))

@@ -1,9 +1,10 @@
-"""Gravity and geodetic coordinates in an Earth-fixed frame, channel by channel, without sines.
+"""Places, gravity and local level in an Earth-fixed frame, channel by channel, without sines.
 
 The frame stands in the Earth's centre, z along its axis, x in the meridian of a start. Bowring's
 angle is kept by its sine and cosine, so roots replace all but two arcs.
 """
 
+import math
 from typing import NamedTuple
 
 import torch
@@ -28,6 +29,46 @@ class Plumb(NamedTuple):
     cos_lat: Tensor
     axis: Tensor
     height: Tensor
+
+
+def place_in_meridian(sin_lat: Tensor, cos_lat: Tensor, height: Tensor) -> tuple[Tensor, Tensor]:
+    """Return how far a place lies from the Earth's axis and above the equator's plane.
+
+    [Groves2013] Eq. (2.112).
+
+    Args:
+        sin_lat: Sine of geodetic latitude, shape (...).
+        cos_lat: Its cosine, shape (...).
+        height: Height above the ellipsoid, m, shape (...).
+
+    Returns:
+        Distance from the axis and along it, m, shape (...) each.
+    """
+    e2 = wgs84.ECCENTRICITY_SQUARED
+    r_n = wgs84.SEMI_MAJOR_AXIS * torch.rsqrt(1.0 - e2 * sin_lat * sin_lat)
+    return (r_n + height) * cos_lat, ((1.0 - e2) * r_n + height) * sin_lat
+
+
+def level_to_meridian(
+    sin_lat: Tensor, cos_lat: Tensor, half_cos: Tensor, half_sin: Tensor
+) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Return the quaternion that turns local level into a meridian frame.
+
+    Args:
+        sin_lat: Sine of latitude, shape (...).
+        cos_lat: Cosine of latitude, shape (...).
+        half_cos: Cosine of half the angle by which the place lies east of the frame's x axis.
+        half_sin: Its sine.
+
+    Returns:
+        Scalar-first components, shape (...) each.
+    """
+    # q_z(angle + π/2) q_x(π/2 − lat), by half angles without another sine
+    up = torch.sqrt(0.5 + 0.5 * sin_lat)
+    out = 0.5 * cos_lat / up
+    root = math.sqrt(0.5)
+    cos, sin = root * (half_cos - half_sin), root * (half_cos + half_sin)
+    return cos * up, cos * out, sin * out, sin * up
 
 
 def plumb_line(x: Tensor, y: Tensor, z: Tensor) -> Plumb:

@@ -1,19 +1,17 @@
 """Products of many small rotations, all windows side by side.
 
 Channels lie as separate tensors: a quaternion product is then sixteen fused products along
-contiguous memory. A window of n rotations is cut into about √n chunks; the products inside all
-chunks are formed step by step, then those over chunks, then both are joined: two products per
-sample instead of log₂ n. Derivatives need no recursion at all: what a small change of one rotation
-does to all later products is one rotation seen from the start, so they are cumulative sums.
+contiguous memory. Derivatives of prefix products need no recursion: what a small change of one
+rotation does to all later products is one rotation seen from the start, so they are cumulative
+sums.
 """
-
-import math
 
 import torch
 from torch import Tensor
 from torch.autograd.function import FunctionCtx
 
-Quaternion = tuple[Tensor, Tensor, Tensor, Tensor]
+from navlearn.mechanization.quaternion_scan import Quaternion as Quaternion
+from navlearn.mechanization.quaternion_scan import scanned_products
 
 
 def product(left: Quaternion, right: Quaternion) -> Quaternion:
@@ -76,7 +74,8 @@ class _Products(torch.autograd.Function):
 
     @staticmethod
     def forward(w: Tensor, x: Tensor, y: Tensor, z: Tensor) -> Quaternion:
-        return _products((w, x, y, z))
+        # outputs of a function of one's own must be none of its inputs
+        return _of([q.clone() for q in scanned_products((w, x, y, z))])
 
     @staticmethod
     def setup_context(ctx: FunctionCtx, _: Quaternion, output: Quaternion) -> None:
@@ -115,23 +114,6 @@ def _before(q: Quaternion) -> Quaternion:
     return _of([torch.cat((first * (k == 0), x[:, :-1]), -1) for k, x in enumerate(q)])
 
 
-def _products(turns: Quaternion) -> Quaternion:
-    windows, n = turns[0].shape
-    size = max(1, math.isqrt(n))
-    chunks = -(-n // size)
-    laid = [_laid(x, size, chunks, 1.0 if k == 0 else 0.0) for k, x in enumerate(turns)]
-    inside = _in_turn([_of(x) for x in zip(*(x.unbind(0) for x in laid), strict=True)])
-    whole = [x.unbind(-1) for x in inside[-1]]
-    one, zero = torch.ones_like(whole[0][0]), torch.zeros_like(whole[0][0])
-    over = [_of(x) for x in zip(*whole, strict=True)][:-1]
-    before = _in_turn([(one, zero, zero, zero), *over])
-    start = _of([torch.stack(x, -1) for x in zip(*before, strict=True)])
-    joined = product(start, _of([torch.stack(x, 0) for x in zip(*inside, strict=True)]))
-    flat = [x.permute(1, 2, 0).reshape(windows, chunks * size) for x in joined]
-    # outputs of a function of one's own must be no views
-    return _of([x if x.shape[1] == n else x[:, :n].clone() for x in flat])
-
-
 def _less(total: Tensor, left: Tensor, right: Tensor) -> Tensor:
     return torch.addcmul(total, left, right, value=-1.0)
 
@@ -143,18 +125,3 @@ def _tiny(like: Tensor) -> Tensor:
 def _of(parts: "list[Tensor] | tuple[Tensor, ...]") -> Quaternion:
     w, x, y, z = parts
     return w, x, y, z
-
-
-def _laid(channel: Tensor, size: int, chunks: int, fill: float) -> Tensor:
-    """Return a channel as (size, N, chunks): what is done at one time lies together."""
-    windows, n = channel.shape
-    if chunks * size > n:
-        channel = torch.nn.functional.pad(channel, (0, chunks * size - n), value=fill)
-    return channel.view(windows, chunks, size).permute(2, 0, 1).contiguous()
-
-
-def _in_turn(turns: list[Quaternion]) -> list[Quaternion]:
-    done = [turns[0]]
-    for turn in turns[1:]:
-        done.append(product(done[-1], turn))
-    return done

@@ -40,7 +40,8 @@ def local_level_step(state: InsState, rotation: Tensor, velocity: Tensor, dt: Te
     h = dt.unsqueeze(-1)
     gravity = gravity_on_the_way(lat, height, 0.5 * h * state.v_l)
     turn_of_earth = earth.earth_rate_enu(lat) * h
-    C_lb = attitude.matrix_from_quaternion(state.q_lb)
+    q_lb = unit(state.q_lb)
+    C_lb = attitude.matrix_from_quaternion(q_lb)
     v, way = moved_in_earth_fixed_frame(
         state.v_l, C_lb, rotation, velocity, gravity, turn_of_earth, h
     )
@@ -53,16 +54,14 @@ def local_level_step(state: InsState, rotation: Tensor, velocity: Tensor, dt: Te
     of_level = torch.stack((-moved.lat, cos_lat * grid, sin_lat * grid), dim=-1)
     q_lb = attitude.quaternion_multiply(
         attitude.quaternion_from_rotation_vector(-of_level),
-        attitude.quaternion_multiply(
-            state.q_lb, attitude.quaternion_from_rotation_vector(rotation)
-        ),
+        attitude.quaternion_multiply(q_lb, attitude.quaternion_from_rotation_vector(rotation)),
     )
     return InsState(
         lat + moved.lat,
         state.lon + moved.lon,
         height + moved.height,
         turned_back(v, of_place),
-        unit(q_lb),
+        q_lb,
     )
 
 

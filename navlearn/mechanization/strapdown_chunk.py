@@ -6,15 +6,14 @@ the attitude is a product of known rotations, so what a force adds there is know
 as (records, samples), one per axis or (3, records, samples).
 """
 
-import math
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
 from navlearn import wgs84
-from navlearn.mechanization.meridian import plumb_line
-from navlearn.mechanization.preintegration_turn import Quaternion, conjugate, product
+from navlearn.mechanization.meridian import level_to_meridian, plumb_line
+from navlearn.mechanization.preintegration_turn import conjugate, product
 from navlearn.mechanization.strapdown_path import Pushed, path, turned, turned_back
 
 
@@ -117,26 +116,6 @@ def _doubled(cos: Tensor, sin: Tensor) -> tuple[Tensor, Tensor]:
     return cos * cos - sin * sin, 2.0 * cos * sin
 
 
-def to_meridian(sin_lat: Tensor, cos_lat: Tensor, half_cos: Tensor, half_sin: Tensor) -> Quaternion:
-    """Return the quaternion from local level to a meridian frame.
-
-    Args:
-        sin_lat: Sine of latitude, shape (...).
-        cos_lat: Cosine of latitude, shape (...).
-        half_cos: Cosine of half the angle by which the place lies east of the frame's x axis.
-        half_sin: Its sine.
-
-    Returns:
-        Unit quaternion.
-    """
-    # q_z(angle + π/2) q_x(π/2 − lat), by half angles without another sine
-    up = torch.sqrt(0.5 + 0.5 * sin_lat)
-    out = 0.5 * cos_lat / up
-    root = math.sqrt(0.5)
-    cos, sin = root * (half_cos - half_sin), root * (half_cos + half_sin)
-    return cos * up, cos * out, sin * out, sin * up
-
-
 def _resolved(
     r: Tensor, v: Tensor, chunk: Chunk, half_turn: tuple[Tensor, Tensor]
 ) -> tuple[Tensor, Tensor, Tensor]:
@@ -157,7 +136,7 @@ def _resolved(
     half_cos = torch.sqrt(0.5 + 0.5 * cos)
     half_sin = 0.5 * sin / half_cos
     a, b = half_turn
-    level = to_meridian(
+    level = level_to_meridian(
         sin_lat, cos_lat, half_cos * a - half_sin * b, torch.addcmul(half_sin * a, half_cos, b)
     )
     w, x_q, y_q, z_q = chunk.attitude[..., 1:].unbind(0)

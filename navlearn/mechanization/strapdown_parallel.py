@@ -6,27 +6,27 @@ go together (:mod:`navlearn.mechanization.strapdown_chunk`), position and veloci
 chunk to chunk.
 """
 
+from typing import Literal
+
 import torch
 from torch import Tensor
 
-from navlearn import wgs84
 from navlearn.mechanization.coning import check_channels, coning_sculling
+from navlearn.mechanization.earth_fixed import unit
 from navlearn.mechanization.increments import inertial_errors_removed
+from navlearn.mechanization.meridian import level_to_meridian, place_in_meridian
 from navlearn.mechanization.preintegration_turn import (
     Quaternion,
     prefix_products,
     product,
     quaternions_of,
 )
-from navlearn.mechanization.strapdown_chunk import Chunk, move_chunk, to_meridian
+from navlearn.mechanization.strapdown_chunk import Chunk, move_chunk
+from navlearn.mechanization.strapdown_chunks import solve
 from navlearn.mechanization.strapdown_shapes import check_start
 from navlearn.states import ImuSample, InsState
 
-CHUNK_ELEMENTS = 8192
-"""Samples of all records together in one chunk."""
-
-CHUNK_DURATION = 120.0
-"""Longest chunk, s: in longer ones gravity settles slowly."""
+Gradient = Literal["recompute", "tape"]
 
 
 def strapdown_over_time(
@@ -37,6 +37,7 @@ def strapdown_over_time(
     accel_bias: Tensor | None = None,
     gyro_scale: Tensor | None = None,
     accel_scale: Tensor | None = None,
+    gradient: Gradient = "recompute",
 ) -> InsState:
     """Return the solution over records, all samples at once.
 
@@ -51,6 +52,8 @@ def strapdown_over_time(
         accel_bias: Accelerometer bias, m/s², shape likewise; None means zero.
         gyro_scale: Relative error of the gyros, shape likewise; None means zero.
         accel_scale: Relative error of the accelerometers, shape likewise; None means zero.
+        gradient: ``recompute`` differentiates in reverse, once, and keeps next to nothing;
+            ``tape`` by autograd, any order and forward mode, in one chunk of up to two minutes.
 
     Returns:
         States at the ends of intervals, shape (..., T) each.
@@ -60,11 +63,15 @@ def strapdown_over_time(
     """
     true = inertial_errors_removed(samples, gyro_bias, accel_bias, gyro_scale, accel_scale)
     rotation, velocity = coning_sculling(true.omega_ib_b, true.f_b, true.dt)
-    return local_level_over_time(start, rotation, velocity, samples.dt)
+    return local_level_over_time(start, rotation, velocity, samples.dt, gradient)
 
 
 def local_level_over_time(
-    start: InsState, rotation: Tensor, velocity: Tensor, dt: Tensor
+    start: InsState,
+    rotation: Tensor,
+    velocity: Tensor,
+    dt: Tensor,
+    gradient: Gradient = "recompute",
 ) -> InsState:
     """Return the solution from compensated increments, all at once.
 
@@ -74,6 +81,8 @@ def local_level_over_time(
             :func:`navlearn.mechanization.coning.coning_sculling` gives them.
         velocity: Velocity increments in the body at the start of each interval, m/s, likewise.
         dt: Length of the intervals, s, shape (..., T); zero, with zero increments, moves nothing.
+        gradient: ``recompute`` differentiates in reverse, once, and keeps next to nothing;
+            ``tape`` by autograd, any order and forward mode, in one chunk of up to two minutes.
 
     Returns:
         States at the ends of intervals, shape (..., T) each.
@@ -91,26 +100,8 @@ def local_level_over_time(
     products = prefix_products(quaternions_of(turn))
     attitude = torch.stack(product(q, products))
     attitude = torch.cat((torch.stack(q), attitude), -1)
-    time = torch.cumsum(flat, -1)
-    size = max(CHUNK_ELEMENTS // max(records, 1), 64)
-    done = []
-    for k in range(0, length, size):
-        part, wider = slice(k, min(k + size, length)), slice(k, min(k + size, length) + 1)
-        ends = move_chunk(
-            Chunk(
-                r,
-                v,
-                time[:, part],
-                flat[:, part],
-                turn[..., part],
-                push[..., part],
-                attitude[..., wider],
-                lon,
-            )
-        )
-        done.append(ends[:3])
-        r, v = ends.r_end, ends.v_end
-    place, v_l, q_lb = (torch.cat(x, -1) for x in zip(*done, strict=True))
+    whole = Chunk(r, v, torch.cumsum(flat, -1), flat, turn, push, attitude, lon)
+    place, v_l, q_lb = solve(whole) if gradient == "recompute" else move_chunk(whole, False)[:3]
     lat, lon, height = (x.reshape(shape) for x in place.unbind(0))
     v_l, q_lb = (x.reshape(-1, *shape).movedim(0, -1) for x in (v_l, q_lb))
     return InsState(lat, lon, height, v_l, q_lb)
@@ -120,11 +111,10 @@ def _in_meridian(start: InsState, records: int) -> tuple[Tensor, Tensor, Quatern
     """Return position, velocity and attitude in the meridian frame of the start, and longitude."""
     lat, lon, height = (x.reshape(records, 1) for x in start[:3])
     east, north, up = start.v_l.reshape(records, 1, 3).unbind(-1)
-    w, x, y, z = start.q_lb.reshape(records, 1, 4).unbind(-1)
-    sin_lat, cos_lat = torch.sin(lat), torch.cos(lat)
-    e2, zero = wgs84.ECCENTRICITY_SQUARED, torch.zeros_like(lat)
-    r_n = wgs84.SEMI_MAJOR_AXIS * torch.rsqrt(1.0 - e2 * sin_lat * sin_lat)
-    r = torch.stack(((r_n + height) * cos_lat, zero, ((1.0 - e2) * r_n + height) * sin_lat))
+    sin_lat, cos_lat, zero = torch.sin(lat), torch.cos(lat), torch.zeros_like(lat)
+    out, along = place_in_meridian(sin_lat, cos_lat, height)
+    r = torch.stack((out, zero, along))
     v = torch.stack((cos_lat * up - sin_lat * north, east, cos_lat * north + sin_lat * up))
-    q = product(to_meridian(sin_lat, cos_lat, torch.ones_like(lat), zero), (w, x, y, z))
-    return r, v, q, lon
+    level = level_to_meridian(sin_lat, cos_lat, torch.ones_like(lat), zero)
+    w, x, y, z = unit(start.q_lb).reshape(records, 1, 4).unbind(-1)
+    return r, v, product(level, (w, x, y, z)), lon

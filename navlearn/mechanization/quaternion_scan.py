@@ -1,0 +1,86 @@
+"""Prefix products of many quaternions, few operations and none of them small.
+
+Records are cut into rows of sixteen: the products inside all rows are formed step by step, side by
+side; those of whole rows are the same task again, a sixteenth as long; then both are joined.
+What is left of a few hundred is done by doubling. Channels lie as separate tensors.
+"""
+
+import torch
+from torch import Tensor
+
+Quaternion = tuple[Tensor, Tensor, Tensor, Tensor]
+
+ROW = 16
+"""Quaternions that are multiplied one after another."""
+
+FEW = 1024
+"""Elements up to which doubling costs less than rows."""
+
+
+def scanned_products(turns: Quaternion) -> Quaternion:
+    """Return the products q_1, q_1 q_2, … of each record.
+
+    Args:
+        turns: Scalar-first components of n successive rotations, shape (N, n) each.
+
+    Returns:
+        Products up to and with each, shape (N, n) each.
+    """
+    records, n = turns[0].shape
+    if n <= 1:
+        return turns
+    if records * n <= FEW:
+        return _doubled(turns)
+    rows = -(-n // ROW)
+    laid = [_laid(x, rows, 1.0 if k == 0 else 0.0) for k, x in enumerate(turns)]
+    inside = [_of([x[0] for x in laid])]
+    for step in list(zip(*laid, strict=True))[1:]:
+        inside.append(_product(inside[-1], _of(step)))
+    whole = scanned_products(inside[-1])
+    before = _of([_shifted(x, 1.0 if k == 0 else 0.0) for k, x in enumerate(whole)])
+    joined = zip(*(_product(before, x) for x in inside), strict=True)
+    return _of([torch.stack(x, -1).view(records, rows * ROW)[:, :n] for x in joined])
+
+
+def _doubled(turns: Quaternion) -> Quaternion:
+    """Form products over one, two, four, … neighbours."""
+    reach, n = 1, turns[0].shape[-1]
+    while reach < n:
+        later = _product(
+            _of([x[:, : n - reach] for x in turns]), _of([x[:, reach:] for x in turns])
+        )
+        turns = _of([torch.cat((x[:, :reach], y), -1) for x, y in zip(turns, later, strict=True)])
+        reach *= 2
+    return turns
+
+
+def _laid(channel: Tensor, rows: int, fill: float) -> tuple[Tensor, ...]:
+    """Return a channel as sixteen tensors (N, rows): what is done at one time lies together."""
+    records, n = channel.shape
+    if rows * ROW > n:
+        channel = torch.nn.functional.pad(channel, (0, rows * ROW - n), value=fill)
+    steps: tuple[Tensor, ...] = (
+        channel.view(records, rows, ROW).permute(2, 0, 1).contiguous().unbind(0)
+    )
+    return steps
+
+
+def _shifted(channel: Tensor, fill: float) -> Tensor:
+    return torch.nn.functional.pad(channel[:, :-1], (1, 0), value=fill)
+
+
+def _product(left: Quaternion, right: Quaternion) -> Quaternion:
+    """Return the Hamilton product; sums in place, so not for autograd."""
+    a, b, c, d = left
+    e, f, g, h = right
+    return (
+        (a * e).addcmul_(b, f, value=-1.0).addcmul_(c, g, value=-1.0).addcmul_(d, h, value=-1.0),
+        (a * f).addcmul_(b, e).addcmul_(c, h).addcmul_(d, g, value=-1.0),
+        (a * g).addcmul_(b, h, value=-1.0).addcmul_(c, e).addcmul_(d, f),
+        (a * h).addcmul_(b, g).addcmul_(c, f, value=-1.0).addcmul_(d, e),
+    )
+
+
+def _of(parts: "list[Tensor] | tuple[Tensor, ...]") -> Quaternion:
+    w, x, y, z = parts
+    return w, x, y, z
