@@ -16,6 +16,9 @@ from navlearn.states import FixTiming, GnssFix, ImuSample
 SLOWEST = 1.0
 """A car that was never faster in a window tells no azimuth, m/s."""
 
+JOINED = 0.05
+"""Samples are joined to intervals of this length, s: a car hardly turns within."""
+
 UNTOLD_CLIMB = 0.05
 """How steep a road may be, rad, where a receiver tells no vertical velocity."""
 
@@ -47,11 +50,12 @@ def matched_at(
         return None
     first, end = int(timing.index[used[0]]), int(timing.index[m])
     inside = ImuSample(*(channel[first + 1 : end + 1] for channel in samples))
+    stops = _stops(inside.dt, timing.index[used] - first)
     bias, bias_sigma = gyro_bias_so_far(samples, fixes.lat[m], end, options)
     found = match_velocity(
         Window(
-            samples=inside,
-            fixes=_velocities(fixes, timing, used, options.velocity_sigma),
+            samples=_joined(inside, stops),
+            fixes=_velocities(fixes, timing, used, stops, options.velocity_sigma),
             lat=fixes.lat[m],
             height=fixes.height[m],
             lever_arm=bias.new_tensor(options.lever_arm),
@@ -120,13 +124,40 @@ def _window(
     return used if fastest > SLOWEST else None
 
 
+def _stops(dt: Tensor, ends: Tensor) -> Tensor:
+    """Return after how many samples joined intervals end: also at every fix."""
+    count = len(dt)
+    size = max(round(JOINED / max(float(dt.mean()), 1e-9)), 1)
+    regular = torch.arange(0, count, size, device=ends.device)
+    every: Tensor = torch.unique(torch.cat((regular, ends, ends.new_tensor([count]))))
+    return every
+
+
+def _joined(samples: ImuSample, stops: Tensor) -> ImuSample:
+    """Return samples joined to intervals of about :data:`JOINED`, which matching takes as well."""
+    dt = samples.dt
+    length = _sums(dt, stops)
+
+    def mean(channel: Tensor) -> Tensor:
+        weight = dt if channel.dim() == 1 else dt.unsqueeze(-1)
+        total = length if channel.dim() == 1 else length.unsqueeze(-1)
+        return _sums(channel * weight, stops) / total
+
+    return ImuSample(length, *(mean(channel) for channel in samples[1:]))
+
+
+def _sums(channel: Tensor, stops: Tensor) -> Tensor:
+    total = torch.cat((torch.zeros_like(channel[:1]), torch.cumsum(channel, 0)))
+    return torch.diff(total[stops], dim=0)
+
+
 def _velocities(
-    fixes: GnssFix, timing: FixTiming, used: Tensor, least_sigma: float
+    fixes: GnssFix, timing: FixTiming, used: Tensor, stops: Tensor, least_sigma: float
 ) -> VelocityFixes:
     """Return the window's GNSS velocities; its samples begin after the first of them."""
     v_l = torch.stack((fixes.v_e, fixes.v_n, fixes.v_u), -1)[used]
     sigma = fixes.std_v[used].clamp(min=least_sigma).unsqueeze(-1).repeat(1, 3)
     if not bool(v_l[:, 2].any()):
         sigma[:, 2] += UNTOLD_CLIMB * torch.hypot(v_l[:, 0], v_l[:, 1])
-    end = timing.index[used] - timing.index[used[0]] - 1
+    end = torch.searchsorted(stops, timing.index[used] - timing.index[used[0]]) - 1
     return VelocityFixes(end, timing.delay[used], v_l, sigma)

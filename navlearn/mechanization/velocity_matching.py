@@ -36,6 +36,8 @@ class MatchingOptions:
             infinite leaves azimuth to the accelerations alone.
         axle_distance: How far before or behind the rear axle the IMU may sit, m: there the car
             moves sideways in a turn.
+        attitude_walk: Random walk of the attitude by the gyros' noise, rad/√s: what the least
+            squares do not know of.
         passes: Most passes of the least squares.
     """
 
@@ -43,6 +45,7 @@ class MatchingOptions:
     course_speed: float = 4.0
     slip_sigma: float = 0.02
     axle_distance: float = 1.5
+    attitude_walk: float = math.radians(0.01)
     passes: int = 8
 
 
@@ -218,7 +221,9 @@ def _at_the_end(problem: _Problem, guess: Guess) -> VelocityMatch:
     spread = (weight * system.residual**2)[: system.data].sum() / max(system.data - 12, 1)
     weight[: system.data] /= spread.clamp(min=1.0)
     start = torch.linalg.inv((system.by_error * weight.unsqueeze(-1)).T @ system.by_error)
-    carried = torch.eye(12).to(start)
+    walk = problem.options.attitude_walk**2 * problem.window.samples.dt.sum()
+    carried, walked = torch.eye(12).to(start), torch.zeros(12).to(start)
+    walked[:3] = walk
     # What was added is the true velocity's derivative; the error's has the other sign.
     carried[:3], carried[3:6] = predicted.turned[-1], -predicted.by_error[-1]
     return VelocityMatch(
@@ -226,6 +231,6 @@ def _at_the_end(problem: _Problem, guess: Guess) -> VelocityMatch:
         predicted.v_l[-1],
         guess.gyro_bias,
         guess.accel_bias,
-        carried @ start @ carried.T,
+        carried @ start @ carried.T + torch.diag(walked),
         float(system.residual[: system.data].square().mean().sqrt()),
     )
