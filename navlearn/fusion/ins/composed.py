@@ -22,7 +22,7 @@ from navlearn.fusion.ins.model import (
 from navlearn.fusion.ins.noise import InsNoise, walks
 from navlearn.fusion.ins.path import path_over_samples, states_before
 from navlearn.fusion.ins.recursion import InsCarried
-from navlearn.mechanization.preintegration import preintegrate
+from navlearn.mechanization.preintegration import Preintegrated, preintegrate
 from navlearn.mechanization.preintegration_predict import predict
 from navlearn.mechanization.preintegration_transition import block_transition
 from navlearn.states import ImuSample, InsState
@@ -43,9 +43,7 @@ def predict_ins_composed(
         What is carried to the block's end; the trajectory inside is left to a later pass.
     """
     point, deviation = carried
-    steady = model.options.correlation_time == float("inf") or not model.layout.has_bias
-    closed_form = model.options.model == "phi_angle" and steady
-    compose = by_preintegration if closed_form else by_product
+    compose = by_preintegration if has_closed_form(model) else by_product
     duration = samples.dt.sum(-1)
     # a bias that decays is held at its value in the middle of the block
     held = point._replace(sensor=advanced_sensor(model, point.sensor, 0.5 * duration))
@@ -74,26 +72,56 @@ def by_preintegration(
     Returns:
         State at the end, Φ and Q.
     """
-    errors = imu_errors(model.layout, point.sensor)
+    pre = preintegrated(model, point.sensor, samples, noise)
+    transition, q = block_transition(point.state, pre, walks(model.layout, noise))
+    return predict(point.state, pre), transition, q
+
+
+def has_closed_form(model: InsFilterModel) -> bool:
+    """Return whether preintegration tells a block's transition: biases stay, nothing simplified.
+
+    Args:
+        model: The filter.
+    """
+    steady = model.options.correlation_time == float("inf") or not model.layout.has_bias
+    return model.options.model == "phi_angle" and steady
+
+
+def preintegrated(
+    model: InsFilterModel, sensor: Tensor, samples: ImuSample, noise: InsNoise
+) -> Preintegrated:
+    """Return the increments of blocks, with derivatives in the filter's sensor parameters.
+
+    Args:
+        model: The filter.
+        sensor: Sensor parameters to take off, shape (..., m).
+        samples: Samples of the blocks, coning compensated, shape (..., n) each.
+        noise: Noise densities.
+
+    Returns:
+        Increments, batch shape (...).
+    """
+    errors = imu_errors(model.layout, sensor)
     omega, _ = imu_corrected(
-        imu_errors(model.layout, point.sensor.unsqueeze(-2)), samples.omega_ib_b, samples.f_b
+        imu_errors(model.layout, sensor.unsqueeze(-2)), samples.omega_ib_b, samples.f_b
     )
     duration = samples.dt.sum(-1)
     turn = ((omega * omega).sum(-1) * samples.dt).sum(-1) / duration.clamp(min=1e-9)
+    has_bias, has_scale = model.layout.has_bias, model.layout.has_scale
     pre = preintegrate(
         samples.omega_ib_b,
         samples.f_b,
         samples.dt,
         gyro_random_walk=torch.sqrt(noise.gyro_random_walk**2 + noise.turn_noise**2 * turn),
         accel_random_walk=noise.accel_random_walk,
-        gyro_bias=errors.gyro_bias,
-        accel_bias=errors.accel_bias,
-        gyro_scale=errors.gyro_gain - 1.0,
-        accel_scale=errors.accel_gain - 1.0,
-        scale_factors=model.layout.has_scale,
+        gyro_bias=errors.gyro_bias if has_bias else None,
+        accel_bias=errors.accel_bias if has_bias else None,
+        gyro_scale=errors.gyro_gain - 1.0 if has_scale else None,
+        accel_scale=errors.accel_gain - 1.0 if has_scale else None,
+        scale_factors=has_scale,
     )
-    transition, q = block_transition(point.state, pre, walks(model.layout, noise))
-    return predict(point.state, pre), transition, q
+    # nine states without biases: what they would do is no column of Φ
+    return pre if has_bias else pre._replace(by_sensor=pre.by_sensor[..., :0])
 
 
 def by_product(

@@ -59,7 +59,10 @@ def ins_measured(
     scene = _Scene(model, belief, occasion, moment_of(model, belief, occasion.last), noise)
     zero = torch.zeros_like(belief.state.lat)
     present = [zero] * len(InsKind)
-    innovations, observations, variances = [], [], []
+    # a filter that takes nothing has rows, too: none
+    none = zero.new_zeros((*zero.shape, 0))
+    innovations, variances = [none], [none]
+    observations = [zero.new_zeros((*zero.shape, 0, model.layout.size))]
     for kind, rows in zip(model.rows.kinds, model.rows.count, strict=True):
         there = _present(model, occasion, kind)
         if not bool((there > 0.5).any()):
@@ -170,7 +173,7 @@ def _odometer(scene: _Scene) -> _Part:
         observation = observation + torch.nn.functional.pad(ahead.unsqueeze(-1), (n - 1, 0))
     speed = occasion.last.speed.unsqueeze(-1)
     variance = (noise.odometer_noise**2).expand(ahead.shape)
-    fast = (speed[..., 0] >= model.options.least_speed).to(speed)
+    fast = (speed[..., 0].abs() >= model.options.least_speed).to(speed)
     return _Part(speed - gain * ahead, observation, variance, fast)
 
 

@@ -1,0 +1,112 @@
+"""Is the full-IMU filter as good as it says? Drives whose errors are drawn from its own model."""
+
+import sys
+
+import pytest
+import torch
+
+from navlearn.filters.consistency import mean_band, nees
+from navlearn.fusion.ins.layout import state_difference
+from navlearn.fusion.ins.loosely_coupled import InsEkf
+from navlearn.fusion.ins.measurements import InsKind
+from navlearn.fusion.ins.options import InsEkfOptions, InsInitialOptions, InsNoiseOptions
+from navlearn.fusion.options import GateOptions
+from navlearn.states import InsState
+
+TINY = 1e-8
+
+
+def honest_options(states, **more):
+    """Noise that is simulated exactly: white on all axes, constant sensor errors."""
+    noise = InsNoiseOptions(
+        gyro_random_walk=3e-4,
+        accel_random_walk=3e-3,
+        turn_noise=0.0,
+        gyro_bias_walk=TINY,
+        accel_bias_walk=TINY,
+        gyro_scale_walk=TINY,
+        accel_scale_walk=TINY,
+        odometer_scale_walk=TINY,
+        position_floor=0.0,
+        height_floor=0.0,
+        position_inflation=1.0,
+        velocity_floor=0.0,
+        odometer_noise=0.1,
+    )
+    initial = InsInitialOptions(
+        position=2.0,
+        height=2.0,
+        velocity=0.2,
+        tilt=0.01,
+        azimuth=0.03,
+        gyro_bias=0.001,
+        accel_bias=0.03,
+        odometer_scale=0.01,
+    )
+    return InsEkfOptions(
+        states=states,
+        noise=noise,
+        initial=initial,
+        gate=GateOptions(probability=1.0),
+        nonholonomic=False,
+        zero_velocity=False,
+        zero_angular_rate=False,
+        **more,
+    )
+
+
+def shares_in_bands(make_clean, model_drives, lever_arm, states, runs, seconds, rate):
+    """Return per quantity: its mean, its 95 % band per epoch, and the share of epochs inside."""
+    options = honest_options(states, lever_arm=lever_arm)
+    belief, d, sensors = model_drives(options, runs, 17, make_clean(seconds, rate))
+    with torch.no_grad():
+        history = InsEkf(options)(belief, d.samples, d.fixes, d.timing)
+    rows = torch.arange(runs).unsqueeze(-1)
+    truth = InsState(*(channel[rows, history.end] for channel in d.truth))
+    error = torch.cat(
+        (
+            state_difference(history.belief.state, truth),
+            history.belief.sensor - sensors.unsqueeze(1),
+        ),
+        -1,
+    )
+    n = error.shape[-1]
+    table = {}
+    for name, values, degrees in (
+        ("NEES", nees(error, history.belief.covariance), n),
+        ("NEES of navigation", nees(error[..., :9], history.belief.covariance[..., :9, :9]), 9),
+        ("NIS of position", history.nis[..., InsKind.POSITION], 3),
+        ("NIS of velocity", history.nis[..., InsKind.VELOCITY], 3),
+        ("NIS of odometer", history.nis[..., InsKind.ODOMETER], 1),
+    ):
+        band = mean_band(degrees, runs)
+        epochs = values.mean(0)
+        inside = (epochs > band.low) & (epochs < band.high)
+        table[name] = (float(epochs.mean()), band, float(inside.double().mean()))
+        if name.startswith("NIS"):
+            # innovations of an honest filter are white: all of them are independent squares
+            whole = mean_band(degrees, values.numel(), 0.999)
+            assert whole.low < table[name][0] < whole.high, name
+    for name, (mean, band, share) in table.items():
+        limits = f"95 % band {band.low:.3f} to {band.high:.3f}"
+        sys.stdout.write(f"{name:18} {mean:6.3f}, {limits}, {share:.0%} of epochs inside\n")
+    return table
+
+
+def test_the_filter_is_as_good_as_it_says(make_clean, model_drives, lever_arm):
+    table = shares_in_bands(make_clean, model_drives, lever_arm, 15, 80, 40, 25)
+    for name, (mean, band, share) in table.items():
+        assert band.low < mean < band.high, name
+        assert share > 0.8, name
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("states", [15, 21])
+def test_the_filter_is_as_good_as_it_says_over_many_runs(
+    make_clean, model_drives, lever_arm, states
+):
+    table = shares_in_bands(make_clean, model_drives, lever_arm, states, 100, 120, 50)
+    for name, (mean, band, share) in table.items():
+        assert band.low < mean < band.high, name
+        # errors stay for long: that NEES of one epoch is outside, its neighbours' are
+        assert share > (0.85 if name.startswith("NEES") else 0.9), name
