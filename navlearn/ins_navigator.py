@@ -16,7 +16,9 @@ from navlearn.fusion.ins.history import InsHistory
 from navlearn.fusion.ins.layout import ins_layout
 from navlearn.fusion.ins.loosely_coupled import InsEkf, Method
 from navlearn.fusion.ins.options import InsEkfOptions
+from navlearn.fusion.ins.smoothing import SmoothedInsDrive, smooth_ins
 from navlearn.fusion.ins.start import initial_ins_belief
+from navlearn.fusion.smoothing import SmoothingOptions
 from navlearn.mechanization.confirmed_standstill import confirmed_standstill
 from navlearn.mechanization.increments import inertial_errors_removed
 from navlearn.mechanization.ins_alignment import InsAlignment, InsAlignmentOptions, align_ins
@@ -107,17 +109,39 @@ class InsNavigator:
         if alignment is None:
             alignment = self.align(samples, fixes, timing)
         first = alignment.sample + 1
-        later = timing.index >= first
         rest = self._calibrated(ImuSample(*(channel[first:] for channel in samples)), alignment)
         with torch.no_grad():
             history = self.ekf(
                 self.start(alignment),
                 rest,
-                GnssFix(*(channel[later] for channel in fixes)),
-                FixTiming(timing.index[later] - first, timing.delay[later]),
+                *_from(fixes, timing, first),
                 method=self.options.method,
             )
         return InsNavigatorRun(first, alignment, rest, history)
+
+    def smooth(
+        self,
+        run: InsNavigatorRun,
+        fixes: GnssFix,
+        timing: FixTiming,
+        options: SmoothingOptions | None = None,
+    ) -> SmoothedInsDrive:
+        """Smooth a whole run: the best that a drive can tell of itself, afterwards.
+
+        Args:
+            run: What :meth:`run` returned.
+            fixes: The fixes that it was given, shape (M,) each.
+            timing: Where they fall, shape (M,) each.
+            options: How drives are smoothed; None means the defaults.
+
+        Returns:
+            The smoothed drive; its indices count from the run's first interval.
+        """
+        start = self.start(run.alignment)
+        with torch.no_grad():
+            return smooth_ins(
+                self.ekf, start, run.samples, *_from(fixes, timing, run.first), run.history, options
+            )
 
     def start(self, alignment: InsAlignment) -> InsBelief:
         """Return the belief that an alignment justifies.
@@ -197,6 +221,15 @@ class InsNavigator:
         if self.layout.has_bias:
             return samples
         return inertial_errors_removed(samples, alignment.gyro_bias, alignment.accel_bias)
+
+
+def _from(fixes: GnssFix, timing: FixTiming, first: int) -> tuple[GnssFix, FixTiming]:
+    """Return the fixes used at the end of an interval or later; their indices count from it."""
+    later = timing.index >= first
+    return (
+        GnssFix(*(channel[later] for channel in fixes)),
+        FixTiming(timing.index[later] - first, timing.delay[later]),
+    )
 
 
 def ins_belief_at(history: InsHistory, block: Tensor | int) -> InsBelief:
