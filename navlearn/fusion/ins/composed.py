@@ -58,12 +58,6 @@ def predict_ins_composed(
     return InsCarried(moved, deviation), None
 
 
-def has_closed_form(model: InsFilterModel) -> bool:
-    """Return whether preintegration composes a block: the complete model, biases that stay."""
-    steady = model.options.correlation_time == float("inf") or not model.layout.has_bias
-    return model.options.model == "phi_angle" and steady
-
-
 def by_preintegration(
     model: InsFilterModel, point: InsBelief, samples: ImuSample, noise: InsNoise
 ) -> tuple[InsState, Tensor, Tensor]:

@@ -9,7 +9,7 @@ from navlearn.filters.consistency import chi_square_quantile
 from navlearn.fusion.ins.dahmane2022 import dahmane2022_dynamics
 from navlearn.fusion.ins.error_dynamics import Motion, phi_angle_dynamics
 from navlearn.fusion.ins.layout import ImuErrors, InsLayout, ins_layout
-from navlearn.fusion.ins.measurements import ins_rows
+from navlearn.fusion.ins.measurements import InsKind, ins_rows
 from navlearn.fusion.ins.noise import InsNoise, walks
 from navlearn.fusion.ins.options import InsEkfOptions
 from navlearn.fusion.measurements import Rows
@@ -36,6 +36,11 @@ class InsFilterModel:
     def gate(self) -> GateOptions:
         """When a measurement is refused."""
         return self.options.gate
+
+    @property
+    def anchor(self) -> int | None:
+        """GNSS position, where it is used: an attitude is soon lost to a reset that is wrong."""
+        return InsKind.POSITION if self.options.position else None
 
     @property
     def closed(self) -> bool:

@@ -7,7 +7,7 @@ running free, and the deviation is minus its estimated error.
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import torch
 from torch import Tensor
@@ -27,6 +27,12 @@ from navlearn.fusion.measurements import Verdict
 from navlearn.fusion.recursion import stacked, unstacked
 from navlearn.fusion.updates import Measured
 from navlearn.states import ImuSample, InsState
+
+TILT: Final = 0.2
+"""Deviation that a reset adds to tilt, in parts of what it adds to azimuth."""
+
+RUNAWAY: Final = 10.0
+"""Time in which a position is taken to have run away before a reset, s."""
 
 
 class InsCarried(NamedTuple):
@@ -100,8 +106,9 @@ def end_ins_block(
 def ins_opened(model: InsFilterModel, verdict: Tensor, found: Measured) -> Tensor:
     """Return the variance added where the gate resets.
 
-    Position and velocity get their innovation squared, and azimuth, through which a car drifts,
-    gets ``reset_azimuth``. What the other kinds contradict is shared among the states that they
+    Position and velocity get their innovation squared, azimuth, through which a car drifts, gets
+    ``reset_azimuth``, and tilt a fifth of it; a position that has run away also opens the velocity
+    that made it do so. What the other kinds contradict is shared among the states that they
     observe, in proportion to how much each shows.
 
     Args:
@@ -124,8 +131,12 @@ def ins_opened(model: InsFilterModel, verdict: Tensor, found: Measured) -> Tenso
             first = 0 if kind == InsKind.POSITION else 3
             after = model.layout.size - first - part.shape[-1]
             extra = extra + torch.nn.functional.pad(part, (first, after))
-            turn = model.gate.reset_azimuth**2 * reset[..., kind, None]
-            extra = extra + torch.nn.functional.pad(turn, (8, model.layout.size - 9))
+            turn = model.gate.reset_azimuth * extra.new_tensor([TILT, TILT, 1.0])
+            turn = turn * turn * reset[..., kind, None]
+            extra = extra + torch.nn.functional.pad(turn, (6, model.layout.size - 9))
+            if kind == InsKind.POSITION:
+                fast = part / RUNAWAY**2
+                extra = extra + torch.nn.functional.pad(fast, (3, model.layout.size - 6))
             continue
         H = H * (H.abs() > 1e-3)
         weight = H * H / (H * H).sum(-1, keepdim=True).clamp(min=1e-12)

@@ -31,7 +31,7 @@ def apart(work, ours, theirs):
 
 @pytest.fixture(scope="module")
 def honest():
-    work = drawn(2, 120, [40])
+    work = drawn(2, 160, [90])
     return work, run_pyins(work)
 
 
