@@ -2,7 +2,7 @@
 
 [Groves2013] ch. 14, [Noureldin2013] ch. 8; forms of one filter. ``sequential`` goes sample by
 sample and is the oracle; ``exact`` loops over the blocks between updates and composes the samples
-of each at once.
+of each at once; ``fast`` solves for all blocks at once and iterates.
 """
 
 from typing import Literal
@@ -14,6 +14,7 @@ from navlearn.errors import ConfigError, ShapeError
 from navlearn.filters.ins_belief import InsBelief, map_ins_belief
 from navlearn.fusion.ins.checks import check_ins_history, check_ins_inputs
 from navlearn.fusion.ins.composed import predict_ins_composed
+from navlearn.fusion.ins.fast import run_ins_fast
 from navlearn.fusion.ins.history import InsHistory
 from navlearn.fusion.ins.model import ins_filter_model
 from navlearn.fusion.ins.noise import InsNoise, ins_noise_from_log, log_ins_noise
@@ -61,6 +62,9 @@ class InsEkf(nn.Module):
     ) -> InsHistory:
         """Run the filter over drives.
 
+        The fast form answers with the loop over blocks where its passes do not converge, for an
+        open loop, and for models that preintegration does not compose.
+
         Args:
             start: Belief before the first sample, batch shape (B,) or ().
             samples: Samples, shape (B, T) or (T,) each, vectors (B, T, 3) or (T, 3).
@@ -96,10 +100,14 @@ class InsEkf(nn.Module):
             )
         check_ins_inputs(self.model, start, samples, fixes, timing)
         line = ins_timeline(self.model, samples, fixes, timing)
-        in_turn = method == "sequential"
-        predict = predict_ins_in_turn if in_turn else predict_ins_composed
-        name = "sequential" if in_turn else "exact"
-        history = run_ins_loop(self.model, start, line, self.noise, predict, name)
+        history = None
+        if method == "fast":
+            history = run_ins_fast(self.model, start, line, self.noise)
+        if history is None:
+            in_turn = method == "sequential"
+            predict = predict_ins_in_turn if in_turn else predict_ins_composed
+            name = "sequential" if in_turn else "exact"
+            history = run_ins_loop(self.model, start, line, self.noise, predict, name)
         check_ins_history(self.model, history, samples)
         return history
 
