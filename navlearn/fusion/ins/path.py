@@ -8,7 +8,7 @@ from navlearn.fusion.ins.layout import imu_corrected, imu_errors
 from navlearn.fusion.ins.model import InsFilterModel
 from navlearn.fusion.ins.timeline import InsTimeline
 from navlearn.fusion.record import starts_of_blocks
-from navlearn.mechanization.coning import velocity_at_start
+from navlearn.mechanization.coning import coning_sculling_step
 from navlearn.mechanization.strapdown_parallel import local_level_over_time
 from navlearn.states import ImuSample, InsState
 
@@ -26,9 +26,7 @@ def increments(model: InsFilterModel, sensor: Tensor, samples: ImuSample) -> tup
     """
     errors = imu_errors(model.layout, sensor.unsqueeze(-2))
     omega, force = imu_corrected(errors, samples.omega_ib_b, samples.f_b)
-    h = samples.dt.unsqueeze(-1)
-    rotation = omega * h
-    return rotation, velocity_at_start(rotation, force * h)
+    return coning_sculling_step(omega, force, samples.dt)
 
 
 def path_over_samples(model: InsFilterModel, begin: InsBelief, samples: ImuSample) -> InsState:

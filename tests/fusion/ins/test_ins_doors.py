@@ -45,7 +45,7 @@ def test_values_that_are_not_finite_are_refused(drive):
 
 def test_degrees_are_refused(drive):
     turning = drive.samples.omega_ib_b + torch.tensor([0.0, 0.0, 0.3]).double()
-    with pytest.raises(LogError, match="math.radians"):
+    with pytest.raises(LogError, match=r"math\.radians"):
         run(with_samples(drive, omega_ib_b=torch.rad2deg(turning)))
 
 
