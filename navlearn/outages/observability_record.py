@@ -68,7 +68,15 @@ class ObservabilityRecord:
         Args:
             time: Time, s.
         """
-        return max(int(np.searchsorted(self.t, time + 1e-9, side="right")) - 1, 0)
+        return max(int(np.searchsorted(self.t, time + 1e-6, side="right")) - 1, 0)
+
+    def row_before(self, time: float) -> int:
+        """Return the last row before a time, or the first: of an outage that a fix ends there.
+
+        Args:
+            time: Time, s.
+        """
+        return max(int(np.searchsorted(self.t, time - 1e-6, side="left")) - 1, 0)
 
     def standstills(self) -> list[tuple[float, float]]:
         """Return from when to when the car stood still, s."""

@@ -158,8 +158,9 @@ def _azimuth(table: pd.DataFrame) -> list[str]:
     if found.empty:
         return []
     name, grown, part = (found[key].iloc[0] for key in ("state", "growth", "share_growth"))
+    told = "Azimuth" if name == "azimuth" else "Azimuth (phi up)"
     line = (
-        f"**{name.capitalize()}** through an outage (median): its deviation becomes "
+        f"**{told}** through an outage (median): its deviation becomes "
         f"{number(grown)} times as large, its part in P″ {number(part)} times"
     )
     if grown > 1.0 > part:

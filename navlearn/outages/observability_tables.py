@@ -60,6 +60,8 @@ def phases(record: ObservabilityRecord, outages: Sequence[Outage]) -> list[Phase
 def direction_table(record: ObservabilityRecord, looked_at: Sequence[Phase]) -> pd.DataFrame:
     """Return the best and the least observed direction at start, middle and end of phases.
 
+    The end is that before whatever ends the phase, such as the first fix after an outage.
+
     Args:
         record: The record.
         looked_at: The phases; one without length is looked at once.
@@ -71,10 +73,15 @@ def direction_table(record: ObservabilityRecord, looked_at: Sequence[Phase]) -> 
     """
     rows = []
     for phase in looked_at:
-        middle = 0.5 * (phase.start + phase.end)
-        moments = {"start": phase.start, "middle": middle, "end": phase.end}
-        for moment, time in moments.items() if phase.end > phase.start else [("end", phase.end)]:
-            k = record.row_at(time)
+        moments = {"end": record.row_at(phase.end)}
+        if phase.end > phase.start:
+            middle = 0.5 * (phase.start + phase.end)
+            moments = {
+                "start": record.row_at(phase.start),
+                "middle": record.row_at(middle),
+                "end": record.row_before(phase.end),
+            }
+        for moment, k in moments.items():
             row: dict[str, object] = {"phase": phase.name, "moment": moment, "t": record.t[k]}
             for kind, place, vectors in (("best", 0, record.best), ("least", -1, record.least)):
                 value = record.eigenvalues[k, place]
@@ -101,7 +108,7 @@ def state_table(record: ObservabilityRecord, outages: Sequence[Outage]) -> pd.Da
     diagonal = record.against_start
     left, share = np.sqrt(diagonal), record.to_share * diagonal
     starts = [record.row_at(one.start) for one in outages]
-    ends = [record.row_at(one.end) for one in outages]
+    ends = [record.row_before(one.end) for one in outages]
 
     def middle(of_outages: Array) -> Array:
         if not outages:

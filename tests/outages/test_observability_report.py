@@ -45,6 +45,8 @@ def covariances(t: Tensor) -> Tensor:
     P[:, 1, 1] = 1e-4 * (1.0 + 0.3 * since)
     P[:, 0, 1] = P[:, 1, 0] = 0.003 * torch.sqrt(since)
     P[:, 2, 2] *= 0.95
+    after = (t >= 30.0) & (t < 30.5)  # the fix that ends the first outage
+    P[after, :2, :2] = START[:2, :2] * 0.25
     return P
 
 
@@ -73,7 +75,8 @@ def test_record_holds_what_the_covariance_says(record: ObservabilityRecord) -> N
     np.testing.assert_allclose(
         record.to_share[k] * record.against_start[k], expected.share[0].diagonal().numpy()
     )
-    assert record.row_at(-5.0) == 0
+    assert (record.row_at(-5.0), record.row_before(-5.0)) == (0, 0)
+    assert (record.row_at(30.0), record.row_before(30.0), record.row_before(30.4)) == (30, 29, 30)
     assert record.row_at(1e6) == 80
 
 
@@ -152,7 +155,7 @@ def test_directions_are_named_at_start_middle_and_end(record: ObservabilityRecor
     assert start["least_direction"] == "gyro bias 1.00"
     assert start["best_direction"] == "azimuth 1.00"
     assert end["least_direction"].startswith("east 1.00")
-    assert end["least_left"] == pytest.approx(np.sqrt(101.0 / 4.0), rel=1e-3)
+    assert end["least_left"] == pytest.approx(np.sqrt(82.0 / 4.0), rel=1e-3)
     at_start = direction_table(record, [Phase(name="start", start=0.0, end=0.0)]).iloc[0]
     assert at_start["best_direction"] == at_start["least_direction"] == ""
     assert 0.0 < end["best_share"] < end["least_share"] < 3.0
@@ -165,15 +168,15 @@ def test_states_are_tabled_and_the_share_alone_is_not_believed(
     azimuth = table.loc["azimuth"]
     assert azimuth["initial"] == pytest.approx(0.1)
     assert azimuth["least"] == pytest.approx(0.1)
-    assert azimuth["outages_end"] == pytest.approx(0.2)
-    assert azimuth["growth"] == pytest.approx(2.0)
+    assert azimuth["outages_end"] == pytest.approx(0.1 * np.sqrt(3.7))
+    assert azimuth["growth"] == pytest.approx(np.sqrt(3.7))
     assert azimuth["share_growth"] < 1.0
-    assert table.loc["east", "growth"] == pytest.approx(np.sqrt(101.0))
+    assert table.loc["east", "growth"] == pytest.approx(np.sqrt(82.0))
     assert table.loc["gyro bias", "least"] == pytest.approx(np.sqrt(0.95))
     assert state_table(record, [])["outages_end"].isna().all()
     said = conclusions(record, OUTAGES)
     assert said[0].startswith("**Hardly observed on this drive**: gyro bias.")
-    assert "east 10.0, azimuth 2.0, gyro bias 1.0" in said[1]
+    assert "east 9.1, azimuth 1.9, gyro bias 1.0" in said[1]
     assert "It is not better observed" in said[2]
     assert not any("accelerometer" in line for line in said)
 
@@ -188,7 +191,9 @@ def test_a_full_imu_is_told_of_its_accelerometers() -> None:
     found = observability_of_run(P, START, t, start_time=0.0, names=names)
     said = conclusions(found, OUTAGES)
     assert said[0].startswith("**Every state** was told something")
-    assert said[2].startswith("**Phi up** through an outage (median): its deviation becomes 1.00")
+    assert said[2].startswith(
+        "**Azimuth (phi up)** through an outage (median): its deviation becomes 1.00"
+    )
     assert "not better observed" not in said[2]
     assert "hide behind roll and pitch" in said[-1]
     assert len(conclusions(found, [])) == 3
@@ -199,7 +204,7 @@ def test_the_section_has_its_tables(record: ObservabilityRecord) -> None:
     for heading in ("## Degree of observability", "### Best and least", "### Every state"):
         assert f"\n{heading}" in text
     assert "Of `ekf` on made, from its own covariance" in text
-    assert "| azimuth | 0.1 rad | 0.1 | 0.1 | 0.2 | 0.1 |" in text
+    assert "| azimuth | 0.1 rad | 0.1 | 0.1 | 0.192 | 0.1 |" in text
     assert "| outage 1 | start | azimuth 1.00 | gyro bias 1.00 | 20.0 |" in text
     no_outages = "\n".join(observability_section(record, []))
     assert "| azimuth | 0.1 rad | 0.1 | 0.1 |" in no_outages
