@@ -6,8 +6,6 @@ import torch
 from torch import Tensor
 
 from navlearn.filters.belief import Belief, map_belief
-from navlearn.filters.ekf import projected
-from navlearn.filters.scan import Filtered, LinearSteps, filter_in_parallel
 from navlearn.fusion.filter_model import (
     FilterModel,
     Prediction,
@@ -15,8 +13,8 @@ from navlearn.fusion.filter_model import (
     fed_back,
     predict_blocks,
 )
-from navlearn.fusion.gating import Judged, judged_over_time, nis_by_kind, opened, taken
-from navlearn.fusion.measurements import Verdict
+from navlearn.fusion.gated_pass import Behind, Linearised, filtered_behind_gate
+from navlearn.fusion.gating import opened
 from navlearn.fusion.noise import EkfNoise
 from navlearn.fusion.record import Ended
 from navlearn.fusion.timeline import Timeline
@@ -31,20 +29,14 @@ class Pass(NamedTuple):
         ahead: Their prediction.
         end: Beliefs at the blocks' ends as predicted, batch shape (B, K).
         found: What is measured there.
-        filtered: The linear filter's deviations from ``end``.
-        innovation: Measured minus predicted by the filter, shape (B, K, r).
-        judged: The gate's verdicts on these innovations.
-        used: The verdicts that were used to get there, shape (B, K, 5).
+        behind: The linear filter's deviations from ``end``, and the gate's verdicts.
     """
 
     begin: Belief
     ahead: Prediction
     end: Belief
     found: Measured
-    filtered: Filtered
-    innovation: Tensor
-    judged: Judged
-    used: Tensor
+    behind: Behind
 
 
 def linearised_pass(
@@ -77,30 +69,16 @@ def linearised_pass(
     found = measured(model.measurement, end, line.occasion, noise)
     transition, q = ahead.linearised
     shift = shift_of_blocks(model, begin, end, line, transition)
-    zero = torch.zeros_like(start.covariance[..., 0])
-    if verdict is None:
-        verdict = (found.present > 0.5).to(torch.int64) * int(Verdict.ACCEPTED)
-    innovation = found.innovation
-    while True:
-        used = taken(model, found, verdict)
-        total, extra = q, torch.zeros_like(q)
-        if bool((verdict == int(Verdict.ACCEPTED_BY_RESET)).any()):
-            extra = torch.diag_embed(opened(model, verdict, found, innovation))
-            total = q + extra
-        steps = LinearSteps(
-            transition, shift, total, used.observation, used.variance, used.innovation
-        )
-        filtered = filter_in_parallel(zero, start.covariance, steps)
-        told = (found.observation @ filtered.prior_mean.unsqueeze(-1)).squeeze(-1)
-        innovation = found.innovation - told
-        # a reset opens the covariance after the gate has judged
-        _, spread = projected(filtered.prior_covariance - extra, found.observation)
-        nis = nis_by_kind(model, found, innovation, spread)
-        new = judged_over_time(model, nis, found.present, start.refused)
-        rounds -= 1
-        if rounds <= 0 or bool((new.verdict == verdict).all()):
-            return Pass(begin, ahead, end, found, filtered, innovation, new, verdict)
-        verdict = new.verdict
+    behind = filtered_behind_gate(
+        model,
+        start.covariance,
+        start.refused,
+        Linearised(transition, shift, q, found),
+        verdict,
+        rounds,
+        lambda v, innovation: opened(model, v, found, innovation),
+    )
+    return Pass(begin, ahead, end, found, behind)
 
 
 def shift_of_blocks(
@@ -146,15 +124,16 @@ def beliefs_of(model: FilterModel, start: Belief, line: Timeline, done: Pass) ->
     Returns:
         Record, batch shape (B, K).
     """
-    found, filtered, occasion = done.found, done.filtered, line.occasion
+    found, filtered, occasion = done.found, done.behind.filtered, line.occasion
+    judged = done.behind.judged
     prior = fed_back(model, done.end, filtered.prior_mean, occasion.end)
     after = fed_back(model, done.end, filtered.mean, occasion.end)
-    before = torch.cat((start.refused.unsqueeze(1), done.judged.refused[:, :-1]), 1)
+    before = torch.cat((start.refused.unsqueeze(1), judged.refused[:, :-1]), 1)
     there = model.rows.spread(found.present) > 0.5
     return Ended(
         prior._replace(covariance=filtered.prior_covariance, refused=before),
-        after._replace(covariance=filtered.covariance, refused=done.judged.refused),
-        torch.where(there, done.innovation, torch.nan),
-        done.judged,
+        after._replace(covariance=filtered.covariance, refused=judged.refused),
+        torch.where(there, done.behind.innovation, torch.nan),
+        judged,
         filtered.mean if not model.closed else torch.zeros_like(filtered.mean),
     )

@@ -7,7 +7,7 @@ import torch
 
 from navlearn import wgs84
 from navlearn.filters.consistency import mean_band, nees
-from navlearn.fusion import fast
+from navlearn.fusion import convergence
 from navlearn.fusion.error_state import error_layout, initial_belief, position_difference
 from navlearn.fusion.loosely_coupled import LooselyCoupledEkf
 from navlearn.fusion.measurements import Kind
@@ -269,7 +269,7 @@ def test_the_fast_form_settles_where_the_gate_resets_late(make_drive, monkeypatc
     apart = position_difference(exact.belief.state, quick.belief.state)
     assert float(apart.abs().max()) < 1e-2
     # had it gone on forgetting the verdicts after a pass that moved far, it would go round
-    monkeypatch.setattr(fast, "EARLY", fast.MOST_PASSES)
+    monkeypatch.setattr(convergence, "EARLY", convergence.MOST_PASSES)
     assert filtered(options, d, "fast", fixes).method == "exact"
 
 

@@ -1,0 +1,108 @@
+"""Passes over all blocks until their starts no longer move.
+
+The states with which all blocks start are the unknowns; a pass turns a guess of them into a better
+one. Gradients: converge without, then two passes with; the first of them carries what the data do
+to the states, the second also what the states do to the linearisation.
+"""
+
+from typing import Protocol, TypeVar
+
+import torch
+from torch import Tensor
+
+from navlearn.filters.belief import Belief
+from navlearn.filters.ins_belief import InsBelief
+from navlearn.fusion.gated_pass import Behind
+
+AnyBelief = TypeVar("AnyBelief", Belief, InsBelief)
+Record = TypeVar("Record")
+
+MOST_PASSES = 20
+"""Passes after which the fast form gives up."""
+
+TOLERANCE = 2e-4
+"""Largest move of a block's start in the last pass, m; the next would move a 500th of it."""
+
+ROUGHLY = 0.5
+"""The same before passes with gradients, each of which converges too, m."""
+
+TRUSTED = 20.0
+"""Largest move in an early pass, m, after which the gate's verdicts are taken over."""
+
+EARLY = 3
+"""Passes that may still be far from the solution; a later one that moves far was told to by the
+verdicts, and forgetting them would only bring back the pass before."""
+
+
+class Passes(Protocol[AnyBelief, Record]):
+    """Passes over the same blocks."""
+
+    def run(self, guess: AnyBelief, verdict: Tensor | None, rounds: int) -> tuple[Record, Behind]:
+        """Run one pass from a guess, the gate's verdicts to use, and how often to renew them."""
+        ...
+
+    def starts(self, record: Record) -> AnyBelief:
+        """Return where blocks start by what a pass found, batch shape (B, K)."""
+        ...
+
+    def move(self, new: AnyBelief, old: AnyBelief) -> float:
+        """Return how far the worst block's start moved, m."""
+        ...
+
+    def detached(self, begin: AnyBelief) -> AnyBelief:
+        """Return the same beliefs without gradients."""
+        ...
+
+
+def solved(
+    begin: AnyBelief, passes: Passes[AnyBelief, Record], learning: bool
+) -> tuple[Record, int] | None:
+    """Run passes until they change nothing.
+
+    Args:
+        begin: First guess of the beliefs at which blocks start, batch shape (B, K).
+        passes: The passes.
+        learning: Whether the record shall carry gradients.
+
+    Returns:
+        The last pass's record and the number of passes, or None where they did not converge or
+        the gate's verdicts oscillate.
+    """
+    total = 0
+    for tolerance in (ROUGHLY, TOLERANCE) if learning else (TOLERANCE,):
+        with torch.no_grad():
+            found = _converged(begin, passes, tolerance)
+        if found is None:
+            return None
+        record, behind, number = found
+        total += number
+        if not learning:
+            return record, total
+        verdict = behind.judged.verdict
+        for _ in range(2):
+            # the first block starts where the caller said: that carries its gradient
+            begin = passes.starts(record)
+            record, behind = passes.run(begin, verdict, 0)
+        total += 2
+        with torch.no_grad():
+            new = passes.starts(record)
+            if behind.reproduced and passes.move(new, begin) < TOLERANCE:
+                return record, total
+            begin = passes.detached(new)
+    return None
+
+
+def _converged(
+    begin: AnyBelief, passes: Passes[AnyBelief, Record], tolerance: float
+) -> tuple[Record, Behind, int] | None:
+    verdict: Tensor | None = None
+    for number in range(1, MOST_PASSES + 1):
+        record, behind = passes.run(begin, verdict, 1 if number == 1 else 4)
+        new = passes.starts(record)
+        moved = passes.move(new, begin)
+        begin = new
+        if behind.reproduced and moved < tolerance:
+            return record, behind, number
+        # what a first pass refuses may only be far from its guess
+        verdict = behind.judged.verdict if moved < TRUSTED or number > EARLY else None
+    return None

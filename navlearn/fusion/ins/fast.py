@@ -1,0 +1,157 @@
+"""The full-IMU filter with all blocks at once: Newton's method on the closed loop.
+
+The samples of all blocks are preintegrated side by side. A pass carries every block over its
+increments from the present guess of its start, linearises there, and runs one linear Kalman
+filter, parallel in time, over all blocks; where the guess is what the filter returns, that is the
+closed-loop filter itself. Increments follow new sensor parameters to first order until the passes
+are near, and are then summed up again at those found. An open loop is linear about its free
+mechanization, so one pass is all.
+"""
+
+import torch
+from torch import Tensor
+
+from navlearn.filters.ins_belief import InsBelief, map_ins_belief
+from navlearn.fusion.convergence import solved
+from navlearn.fusion.gated_pass import Behind, Linearised, filtered_behind_gate
+from navlearn.fusion.ins.composed import has_closed_form
+from navlearn.fusion.ins.fast_blocks import Sums, predicted, summed
+from navlearn.fusion.ins.first_guess import first_ins_guess
+from navlearn.fusion.ins.history import InsHistory
+from navlearn.fusion.ins.layout import moved_belief, state_difference
+from navlearn.fusion.ins.model import InsFilterModel
+from navlearn.fusion.ins.noise import InsNoise
+from navlearn.fusion.ins.path import ins_path_in_blocks
+from navlearn.fusion.ins.recursion import InsEnded, ins_history, ins_opened
+from navlearn.fusion.ins.timeline import InsTimeline
+from navlearn.fusion.ins.updates import ins_measured
+from navlearn.fusion.record import starts_of_blocks
+from navlearn.fusion.updates import Measured
+
+NEAR = 1.0
+"""Largest move of a block's start, m, after which increments are summed up again."""
+
+
+def run_ins_fast(
+    model: InsFilterModel, start: InsBelief, line: InsTimeline, noise: InsNoise
+) -> InsHistory | None:
+    """Run the filter over all blocks at once.
+
+    Args:
+        model: The filter.
+        start: Belief before the first sample, batch shape (B,).
+        line: The drives in blocks.
+        noise: Noise densities and deviations.
+
+    Returns:
+        History, or None where there is no closed form for the model, the passes did not converge,
+        or the gate's verdicts oscillate.
+    """
+    if not has_closed_form(model) or not model.closed:
+        return None
+    passes = _Passes(model, start, line, noise)
+    with torch.no_grad():
+        begin = first_ins_guess(model, start, line, passes.sums.pre)
+    learning = torch.is_grad_enabled() and _wants_gradient(start, line, noise)
+    found = solved(begin, passes, learning)
+    if found is None:
+        return None
+    record, number = found
+    path = ins_path_in_blocks(model, start, record.belief, line)
+    return ins_history(line, record, path, "fast", number)
+
+
+def largest_move(new: InsBelief, old: InsBelief) -> float:
+    """Return how far the worst block's start moved, m.
+
+    Velocity counts over a second, attitude over 30 m.
+
+    Args:
+        new: Beliefs at which blocks start, batch shape (B, K).
+        old: The same before.
+    """
+    moved = state_difference(new.state, old.state).abs().flatten(0, -2).amax(0)
+    size = moved.new_tensor([1.0] * 6 + [30.0] * 3)
+    return float((moved * size).amax())
+
+
+class _Passes:
+    """Passes over the same blocks, and the sums over samples that they share."""
+
+    def __init__(
+        self, model: InsFilterModel, start: InsBelief, line: InsTimeline, noise: InsNoise
+    ) -> None:
+        self.model, self.start, self.line, self.noise = model, start, line, noise
+        blocks = line.blocks.end.shape
+        at_start = start.sensor.unsqueeze(1).expand(*blocks, start.sensor.shape[-1])
+        with torch.no_grad():
+            self.sums = summed(model, at_start, line.samples, noise)
+        self.near = self.settled = False
+        self.with_gradient: Sums | None = None
+
+    def run(self, guess: InsBelief, verdict: Tensor | None, rounds: int) -> tuple[InsEnded, Behind]:
+        """Run one pass."""
+        if torch.is_grad_enabled():
+            if self.with_gradient is None:
+                samples = self.line.samples
+                self.with_gradient = summed(self.model, guess.sensor, samples, self.noise)
+            return self._run(guess, self.with_gradient, verdict, rounds)
+        self.with_gradient = None
+        if self.near and not self.settled:
+            self.sums = summed(self.model, guess.sensor, self.line.samples, self.noise)
+            self.settled = True
+        return self._run(guess, self.sums, verdict, rounds)
+
+    def move(self, new: InsBelief, old: InsBelief) -> float:
+        """Return how far blocks moved; no less than ``NEAR`` before the sums are final."""
+        moved = largest_move(new, old)
+        self.near = self.near or moved <= NEAR
+        return moved if self.settled else max(moved, NEAR)
+
+    def starts(self, record: InsEnded) -> InsBelief:
+        """Return where blocks start by what a pass found, batch shape (B, K)."""
+        return starts_of_blocks(self.start, record.belief)
+
+    def detached(self, begin: InsBelief) -> InsBelief:
+        """Return the same beliefs without gradients."""
+        return map_ins_belief(begin, Tensor.detach)
+
+    def _run(
+        self, guess: InsBelief, sums: Sums, verdict: Tensor | None, rounds: int
+    ) -> tuple[InsEnded, Behind]:
+        model, start, occasion = self.model, self.start, self.line.occasion
+        ahead = predicted(model, guess, sums, self.noise)
+        found = ins_measured(model, ahead.end, occasion, self.noise)
+        behind = filtered_behind_gate(
+            model,
+            start.covariance,
+            start.refused,
+            Linearised(ahead.transition, ahead.shift, ahead.noise, found),
+            verdict,
+            rounds,
+            lambda v, innovation: ins_opened(model, v, found._replace(innovation=innovation)),
+        )
+        return _ended(model, start, ahead.end, found, behind), behind
+
+
+def _ended(
+    model: InsFilterModel, start: InsBelief, end: InsBelief, found: Measured, behind: Behind
+) -> InsEnded:
+    """Return every block's end as a pass has it."""
+    filtered, judged = behind.filtered, behind.judged
+    before = torch.cat((start.refused.unsqueeze(1), judged.refused[:, :-1]), 1)
+    prior, after = moved_belief(end, filtered.prior_mean), moved_belief(end, filtered.mean)
+    there = model.rows.spread(found.present) > 0.5
+    return InsEnded(
+        prior._replace(covariance=filtered.prior_covariance, refused=before),
+        after._replace(covariance=filtered.covariance, refused=judged.refused),
+        torch.where(there, behind.innovation, torch.nan),
+        judged,
+        torch.zeros_like(filtered.mean),
+    )
+
+
+def _wants_gradient(start: InsBelief, line: InsTimeline, noise: InsNoise) -> bool:
+    occasion = line.occasion
+    leaves = [*start.state, *start[1:], *line.samples, *occasion.fix, occasion.delay, *noise]
+    return any(leaf.requires_grad for leaf in leaves)

@@ -1,0 +1,97 @@
+"""All blocks of drives linearised at a guess of the beliefs with which they start."""
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from navlearn.filters.ins_belief import InsBelief
+from navlearn.fusion.ins.composed import preintegrated
+from navlearn.fusion.ins.layout import state_difference
+from navlearn.fusion.ins.model import InsFilterModel
+from navlearn.fusion.ins.noise import InsNoise, walks
+from navlearn.mechanization.preintegration import Preintegrated, block_transition, predict
+from navlearn.states import ImuSample, InsState
+
+
+class Sums(NamedTuple):
+    """What the samples of all blocks say, whatever states the blocks start from.
+
+    Attributes:
+        pre: Increments of each block, batch shape (B, K).
+        sensor: Sensor parameters that were taken off, shape (B, K, m).
+    """
+
+    pre: Preintegrated
+    sensor: Tensor
+
+
+class Ahead(NamedTuple):
+    """Blocks predicted from a guess.
+
+    Attributes:
+        end: Beliefs at the blocks' ends before any update, batch shape (B, K).
+        transition: Φ, shape (B, K, n, n).
+        noise: Q, shape (B, K, n, n).
+        shift: By how much a block's end moves because the one before ends elsewhere than the
+            block was guessed to start, shape (B, K, n); zero for the first.
+    """
+
+    end: InsBelief
+    transition: Tensor
+    noise: Tensor
+    shift: Tensor
+
+
+def summed(model: InsFilterModel, sensor: Tensor, samples: ImuSample, noise: InsNoise) -> Sums:
+    """Return what the samples of all blocks say.
+
+    Args:
+        model: The filter.
+        sensor: Sensor parameters to take off, shape (B, K, m).
+        samples: Samples, coning compensated, shape (B, K, n) each.
+        noise: Noise densities.
+
+    Returns:
+        Sums.
+    """
+    held = sensor.detach()
+    return Sums(preintegrated(model, held, samples, noise), held)
+
+
+def predicted(model: InsFilterModel, begin: InsBelief, sums: Sums, noise: InsNoise) -> Ahead:
+    """Predict and linearise all blocks.
+
+    Args:
+        model: The filter.
+        begin: Guess of the beliefs at which blocks start, batch shape (B, K).
+        sums: What their samples say.
+        noise: Noise densities.
+
+    Returns:
+        The blocks' ends.
+    """
+    change = begin.sensor - sums.sensor
+    state = predict(begin.state, sums.pre, change)
+    transition, q = block_transition(begin.state, sums.pre, walks(model.layout, noise), change)
+    end = begin._replace(state=state)
+    return Ahead(end, transition, q, shift_of_ins_blocks(begin, end, transition))
+
+
+def shift_of_ins_blocks(begin: InsBelief, end: InsBelief, transition: Tensor) -> Tensor:
+    """Return by how much a block's prediction moves because the one before ends elsewhere.
+
+    Args:
+        begin: Beliefs at which blocks were linearised, batch shape (B, K).
+        end: Beliefs at the blocks' ends as predicted from there, batch shape (B, K).
+        transition: Φ of each block, shape (B, K, n, n).
+
+    Returns:
+        Shift in the order of the error state, zero for the first block, shape (B, K, n).
+    """
+    before = InsState(*(x[:, :-1] for x in end.state))
+    after = InsState(*(x[:, 1:] for x in begin.state))
+    sensor = end.sensor[:, :-1] - begin.sensor[:, 1:]
+    gap = torch.cat((state_difference(before, after), sensor), -1)
+    gap = torch.nn.functional.pad(gap, (0, 0, 1, 0))
+    return (transition @ gap.unsqueeze(-1)).squeeze(-1)
