@@ -18,6 +18,11 @@ SMALLEST = {
     "preintegration": [
         *("--windows", "4", "--samples", "10", "--repeats", "1", "--seconds", "60"),
     ],
+    "pyins_filter": [
+        *("--seconds", "150", "--grades", "tactical", "--seeds", "11"),
+        *("--runs", "1", "--methods", "exact"),
+    ],
+    "pyins_strapdown": ["--seconds", "60", "--seeds", "11", "--minutes", "1", "--repeats", "1"],
     "smoothing": [
         *("--grades", "mems_m", "--seeds", "11", "--outages", "1x30"),
         *("--steps", "50", "--repeats", "1"),
