@@ -13,7 +13,7 @@ from navlearn.filters.ins_belief import InsBelief, map_ins_belief
 from navlearn.filters.scan import LinearSteps, filter_in_parallel
 from navlearn.filters.smoother import forward_pass, smooth_in_parallel
 from navlearn.fusion.gating import taken
-from navlearn.fusion.ins.composed import by_preintegration, by_product
+from navlearn.fusion.ins.composed import by_preintegration, by_product, has_closed_form
 from navlearn.fusion.ins.history import InsHistory
 from navlearn.fusion.ins.layout import moved_belief, state_difference
 from navlearn.fusion.ins.model import InsFilterModel, advanced_sensor
@@ -128,11 +128,12 @@ def _predicted(
     model: InsFilterModel, begin: InsBelief, samples: ImuSample, noise: InsNoise
 ) -> tuple[InsBelief, Tensor, Tensor]:
     """Return the beliefs at blocks' ends, covariance aside, with Φ and Q of the blocks."""
-    steady = model.options.correlation_time == float("inf") or not model.layout.has_bias
-    closed_form = model.options.model == "phi_angle" and steady
-    compose = by_preintegration if closed_form else by_product
-    state, transition, q = compose(model, begin, samples, noise)
-    sensor = advanced_sensor(model, begin.sensor, samples.dt.sum(-1))
+    compose = by_preintegration if has_closed_form(model) else by_product
+    duration = samples.dt.sum(-1)
+    # as in the filter, a bias that decays is held at its value in the middle of the block
+    held = begin._replace(sensor=advanced_sensor(model, begin.sensor, 0.5 * duration))
+    state, transition, q = compose(model, held, samples, noise)
+    sensor = advanced_sensor(model, begin.sensor, duration)
     return begin._replace(state=state, sensor=sensor), transition, q
 
 

@@ -141,15 +141,19 @@ def error(path: InsState, truth: InsState) -> Tensor:
     return state_difference(path, truth)
 
 
-def test_one_pass_is_the_joint_gaussian_of_the_filters_linear_model() -> None:
+@pytest.mark.parametrize(
+    "name", ["15 states", "21 states", "9 states", "dahmane2022", "gauss_markov"]
+)
+def test_one_pass_is_the_joint_gaussian_of_the_filters_linear_model(name) -> None:
     """All deviations from the filter's predictions, conditioned at once on all innovations."""
-    d, belief, _ = drive(seconds=9)
+    options = VARIANTS[name]
+    d, belief, _ = drive(options, seconds=9)
     d = without_fixes(d, 4, 7)
-    ekf, history, found = run(PLAIN, d, belief, smoothing=ONCE)
+    ekf, history, found = run(options, d, belief, smoothing=ONCE)
     line = ins_timeline(ekf.model, d.samples, d.fixes, d.timing)
     told = ins_measured(ekf.model, history.prior, line.occasion, ekf.noise)
     H, y = told.observation[0].numpy(), told.innovation[0].numpy()
-    phi, count, n = found.transition[0].numpy(), len(y), 15
+    phi, count, n = found.transition[0].numpy(), len(y), options.states
     before = [belief.covariance[0].numpy(), *history.belief.covariance[0].numpy()]
     ahead = history.prior.covariance[0].numpy()
     Q = [ahead[k] - phi[k] @ before[k] @ phi[k].T for k in range(count)]
