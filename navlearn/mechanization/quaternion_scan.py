@@ -28,7 +28,7 @@ def scanned_products(turns: Quaternion) -> Quaternion:
     """
     records, n = turns[0].shape
     if n <= 1:
-        return turns
+        return _of([x.clone() for x in turns])
     if records * n <= FEW:
         return _doubled(turns)
     rows = -(-n // ROW)

@@ -14,6 +14,7 @@ from torch import Tensor
 from navlearn import wgs84
 from navlearn.mechanization.meridian import level_to_meridian, plumb_line
 from navlearn.mechanization.preintegration_turn import conjugate, product
+from navlearn.mechanization.quaternion_scan import Quaternion
 from navlearn.mechanization.strapdown_path import Pushed, path, turned, turned_back
 
 
@@ -27,8 +28,11 @@ class Chunk(NamedTuple):
         dt: Length of the intervals, s, shape (B, n).
         turn: Rotation vectors, rad, shape (3, B, n).
         push: Velocity increments in the body at the start of each interval, m/s, (3, B, n).
-        attitude: Quaternions from body to inertial frame at the start of the first interval and
-            at the ends of all, shape (4, B, n + 1).
+        q_w: Scalar of the quaternion from body to inertial frame, at the start of the first
+            interval and at the ends of all, shape (B, n + 1).
+        q_x: Its first component, shape likewise.
+        q_y: Its second component, shape likewise.
+        q_z: Its third component, shape likewise.
         lon: Longitude of the record's start, rad, shape (B, 1).
     """
 
@@ -38,8 +42,16 @@ class Chunk(NamedTuple):
     dt: Tensor
     turn: Tensor
     push: Tensor
-    attitude: Tensor
+    q_w: Tensor
+    q_x: Tensor
+    q_y: Tensor
+    q_z: Tensor
     lon: Tensor
+
+    @property
+    def attitude(self) -> Quaternion:
+        """Quaternion from body to inertial frame, shape (B, n + 1) each."""
+        return self.q_w, self.q_x, self.q_y, self.q_z
 
 
 class Solved(NamedTuple):
@@ -85,7 +97,8 @@ def _pushed(chunk: Chunk, at_end: tuple[Tensor, Tensor]) -> Pushed:
     cos, sin = torch.cos(angle), torch.sin(angle)
     (a, b, c), (x, y, z) = chunk.turn.unbind(0), chunk.push.unbind(0)
     across = torch.stack((b * z - c * y, c * x - a * z, a * y - b * x))
-    forces = _rotated(chunk.attitude[..., :-1], torch.stack((chunk.push, across), 1))
+    q = [x[:, :-1] for x in chunk.attitude]
+    forces = _rotated(q, torch.stack((chunk.push, across), 1))
     added = turned(forces[:, 0], cos, sin)
     lag = turned_back(forces[:, 1], cos, sin) * (dt * (-1.0 / 12.0))
     # twice the Earth's angle at the chunk's start
@@ -95,9 +108,9 @@ def _pushed(chunk: Chunk, at_end: tuple[Tensor, Tensor]) -> Pushed:
     return Pushed(total, lag, dt, _doubled(cos, sin), at_end)
 
 
-def _rotated(q: Tensor, vectors: Tensor) -> Tensor:
-    """Return vectors, (3, 2, B, n), turned by unit quaternions, (4, B, n)."""
-    w, x, y, z = q.unbind(0)
+def _rotated(q: list[Tensor], vectors: Tensor) -> Tensor:
+    """Return vectors, (3, 2, B, n), turned by unit quaternions, (B, n) per component."""
+    w, x, y, z = q
     x2, y2, z2 = x + x, y + y, z + z
     wx, wy, wz, xy, xz, yz = w * x2, w * y2, w * z2, x * y2, x * z2, y * z2
     xx, yy, zz = 1.0 - x * x2, y * y2, z * z2
@@ -139,8 +152,8 @@ def _resolved(
     level = level_to_meridian(
         sin_lat, cos_lat, half_cos * a - half_sin * b, torch.addcmul(half_sin * a, half_cos, b)
     )
-    w, x_q, y_q, z_q = chunk.attitude[..., 1:].unbind(0)
-    q = torch.stack(product(conjugate(level), (w, x_q, y_q, z_q)))
+    w, i, j, k = (x[:, 1:] for x in chunk.attitude)
+    q = torch.stack(product(conjugate(level), (w, i, j, k)))
     place = torch.stack((torch.atan2(sin_lat, cos_lat), chunk.lon + torch.atan2(y, x), height))
     # a product of many rotations drifts from unit length by rounding
     return place, v_l, q * (1.5 - 0.5 * (q * q).sum(0))

@@ -41,7 +41,10 @@ class Piece(NamedTuple):
             whole.dt[rows, part],
             whole.turn[:, rows, part],
             whole.push[:, rows, part],
-            whole.attitude[:, rows, wider],
+            whole.q_w[rows, wider],
+            whole.q_x[rows, wider],
+            whole.q_y[rows, wider],
+            whole.q_z[rows, wider],
             whole.lon[rows],
         )
 
@@ -102,7 +105,7 @@ class _Solve(torch.autograd.Function):
     def forward(*tensors: Tensor) -> tuple[Tensor, ...]:
         whole = Chunk(*tensors)
         place, v_l = torch.empty_like(whole.turn), torch.empty_like(whole.turn)
-        attitude = torch.empty_like(whole.attitude[..., 1:])
+        attitude = whole.dt.new_empty((4, *whole.dt.shape))
         count = chunk_count(whole.dt)
         starts = whole.r.new_zeros((6, whole.r.shape[1], count))
         for group in pieces(whole.dt, count):
@@ -126,11 +129,10 @@ class _Solve(torch.autograd.Function):
     @staticmethod
     def backward(ctx: Any, *cotangents: Tensor | None) -> tuple[Tensor | None, ...]:
         *tensors, starts = ctx.saved_tensors
-        turn, attitude = tensors[4], tensors[6]
-        like = (turn, turn, attitude[..., 1:])
+        dt = tensors[3]
         given = [
-            torch.zeros_like(x) if g is None else g
-            for x, g in zip(like, cotangents[:3], strict=True)
+            dt.new_zeros((axes, *dt.shape)) if g is None else g
+            for axes, g in zip((3, 3, 4), cotangents[:3], strict=True)
         ]
         wanted = sum(2**k for k, needed in enumerate(ctx.needs_input_grad) if needed)
         found = _Adjoint.apply(*given, *tensors, starts, wanted)  # type: ignore[no-untyped-call]
@@ -146,7 +148,8 @@ class _Adjoint(torch.autograd.Function):
 
     @staticmethod
     def forward(*inputs: Any) -> tuple[Tensor, ...]:
-        given, whole, starts, wanted = inputs[:3], Chunk(*inputs[3:11]), inputs[11], inputs[12]
+        given, whole = inputs[:3], Chunk(*inputs[3:-2])
+        starts, wanted = inputs[-2:]
         found = Chunk(*(torch.zeros_like(x) for x in whole))
         for group in pieces(whole.dt, starts.shape[-1]):
             later = [torch.zeros_like(whole.r[:, group[0].rows]) for _ in range(2)]

@@ -97,10 +97,9 @@ def local_level_over_time(
     flat = dt.reshape(records, length)
     turn, push = (x.movedim(-1, 0).reshape(3, records, length) for x in (rotation, velocity))
     r, v, q, lon = _in_meridian(start, records)
-    products = prefix_products(quaternions_of(turn))
-    attitude = torch.stack(product(q, products))
-    attitude = torch.cat((torch.stack(q), attitude), -1)
-    whole = Chunk(r, v, torch.cumsum(flat, -1), flat, turn, push, attitude, lon)
+    a, b, c, d = (torch.cat(x, -1) for x in zip(q, quaternions_of(turn), strict=True))
+    attitude = prefix_products((a, b, c, d))
+    whole = Chunk(r, v, torch.cumsum(flat, -1), flat, turn, push, *attitude, lon)
     place, v_l, q_lb = solve(whole) if gradient == "recompute" else move_chunk(whole, False)[:3]
     lat, lon, height = (x.reshape(shape) for x in place.unbind(0))
     v_l, q_lb = (x.reshape(-1, *shape).movedim(0, -1) for x in (v_l, q_lb))
