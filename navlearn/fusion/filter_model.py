@@ -61,6 +61,16 @@ class FilterModel:
         return self.options.gate
 
     @property
+    def anchor(self) -> None:
+        """Nothing vouches for the others: each kind resets the gate for itself."""
+        return
+
+    @property
+    def company(self) -> tuple[int, ...]:
+        """Nothing, as there is no anchor."""
+        return ()
+
+    @property
     def closed(self) -> bool:
         """Whether estimated errors are fed back."""
         return self.options.feedback == "closed"

@@ -20,6 +20,10 @@ class Gated(Protocol):
         rows: Rows of each kind of measurement.
         limits: Largest NIS that passes, per kind taken.
         gate: When a measurement is refused.
+        anchor: Kind that vouches for the filter: where it is measured, the others reset with it
+            and only with it. None lets every kind reset for itself.
+        company: Kinds that are believed together with an anchor that resets; the others are not
+            listened to at that moment.
     """
 
     @property
@@ -30,6 +34,12 @@ class Gated(Protocol):
 
     @property
     def gate(self) -> GateOptions: ...  # noqa: D102
+
+    @property
+    def anchor(self) -> int | None: ...  # noqa: D102
+
+    @property
+    def company(self) -> tuple[int, ...]: ...  # noqa: D102
 
 
 class Judged(NamedTuple):
@@ -111,13 +121,29 @@ def judged(model: Gated, nis: Tensor, present: Tensor, refused: Tensor) -> Judge
     """
     there = present > 0.5
     beyond = there & ~(nis.detach() <= limits_by_kind(model, nis))
-    reset = beyond & (refused >= model.gate.reset_after)
-    gate = beyond & ~reset
+    patient = refused >= model.gate.reset_after
+    begun = torch.zeros_like(there[..., :1])
+    if model.anchor is not None:
+        anchor = slice(model.anchor, model.anchor + 1)
+        begun = (beyond & patient)[..., anchor]
+        patient = torch.where(there[..., anchor], begun, patient)
+    alone = there & begun & ~_company(model, there)
+    reset = beyond & patient & ~alone
+    gate = (beyond & ~reset) | alone
     verdict = there.to(torch.int64) * int(Verdict.ACCEPTED)
     verdict = torch.where(gate, int(Verdict.REFUSED_BY_GATE), verdict)
     verdict = torch.where(reset, int(Verdict.ACCEPTED_BY_RESET), verdict)
-    count = torch.where(gate, refused + 1.0, torch.where(there, 0.0, refused))
+    count = torch.where(gate & ~alone, refused + 1.0, torch.where(there, 0.0, refused))
     return Judged(torch.where(there, nis, torch.nan), verdict, count)
+
+
+def _company(model: Gated, like: Tensor) -> Tensor:
+    """Return which kinds are listened to where the anchor resets, bool, shape (kinds,)."""
+    believed = torch.zeros(like.shape[-1], dtype=torch.bool, device=like.device)
+    for kind in (model.anchor, *model.company):
+        if kind is not None:
+            believed[kind] = True
+    return believed
 
 
 def judged_over_time(model: Gated, nis: Tensor, present: Tensor, refused: Tensor) -> Judged:
@@ -137,12 +163,23 @@ def judged_over_time(model: Gated, nis: Tensor, present: Tensor, refused: Tensor
     verdict = there.to(torch.int64) * int(Verdict.ACCEPTED)
     count = torch.zeros_like(nis)
     odd = beyond.any(1) | (refused > 0.5)
-    for b, kind in odd.nonzero().tolist():
+    if model.anchor is not None:
+        odd = odd | odd[..., model.anchor, None]
+    # The anchor first: what it does decides for the others.
+    order = sorted(odd.nonzero().tolist(), key=lambda one: (one[0], one[1] != model.anchor))
+    for b, kind in order:
+        led: list[bool | None] = [None] * nis.shape[1]
+        if model.anchor is not None and kind != model.anchor:
+            resets = (verdict[b, :, model.anchor] == int(Verdict.ACCEPTED_BY_RESET)).tolist()
+            seen = there[b, :, model.anchor].tolist()
+            led = [one if here else None for one, here in zip(resets, seen, strict=True)]
         column, counts = _judged_column(
             beyond[b, :, kind].tolist(),
             there[b, :, kind].tolist(),
+            led,
             float(refused[b, kind]),
             model.gate.reset_after,
+            alone=kind not in (model.anchor, *model.company),
         )
         verdict[b, :, kind] = torch.tensor(column, device=verdict.device)
         count[b, :, kind] = torch.tensor(counts, dtype=count.dtype, device=count.device)
@@ -150,18 +187,30 @@ def judged_over_time(model: Gated, nis: Tensor, present: Tensor, refused: Tensor
 
 
 def _judged_column(
-    beyond: list[bool], there: list[bool], refused: float, reset_after: int
+    beyond: list[bool],
+    there: list[bool],
+    led: list[bool | None],
+    refused: float,
+    reset_after: int,
+    *,
+    alone: bool,
 ) -> tuple[list[int], list[float]]:
+    """Return the verdicts on one kind.
+
+    ``led`` tells whether the anchor resets, None without it; ``alone`` whether the kind is not
+    listened to where it does.
+    """
     verdicts, counts = [], []
-    for wild, seen in zip(beyond, there, strict=True):
+    for wild, seen, leader in zip(beyond, there, led, strict=True):
         verdict = Verdict.ABSENT
         if seen:
             verdict = Verdict.ACCEPTED
-            if wild and refused < reset_after:
-                verdict = Verdict.REFUSED_BY_GATE
-            elif wild:
-                verdict = Verdict.ACCEPTED_BY_RESET
+            reset = refused >= reset_after if leader is None else leader
+            if wild:
+                verdict = Verdict.ACCEPTED_BY_RESET if reset else Verdict.REFUSED_BY_GATE
             refused = refused + 1.0 if verdict == Verdict.REFUSED_BY_GATE else 0.0
+            if leader and alone:
+                verdict, refused = Verdict.REFUSED_BY_GATE, 0.0
         verdicts.append(int(verdict))
         counts.append(refused)
     return verdicts, counts

@@ -7,8 +7,9 @@ from torch import Tensor
 
 from navlearn.filters.consistency import chi_square_quantile
 from navlearn.fusion.ins.dahmane2022 import dahmane2022_dynamics
-from navlearn.fusion.ins.error_dynamics import Motion, phi_angle_dynamics
-from navlearn.fusion.ins.layout import ImuErrors, InsLayout, ins_layout
+from navlearn.fusion.ins.error_dynamics import Motion, phi_angle_dynamics, with_sensors
+from navlearn.fusion.ins.imu_errors import ImuErrors
+from navlearn.fusion.ins.layout import InsLayout, ins_layout
 from navlearn.fusion.ins.measurements import InsKind, ins_rows
 from navlearn.fusion.ins.noise import InsNoise, walks
 from navlearn.fusion.ins.options import InsEkfOptions
@@ -39,8 +40,13 @@ class InsFilterModel:
 
     @property
     def anchor(self) -> int | None:
-        """GNSS position, where it is used: an attitude is soon lost to a reset that is wrong."""
+        """GNSS position, where it is used: it alone tells that the filter has run away."""
         return InsKind.POSITION if self.options.position else None
+
+    @property
+    def company(self) -> tuple[int, ...]:
+        """GNSS velocity: what the car's own sensors say beside it could only be had by a tilt."""
+        return (InsKind.VELOCITY,)
 
     @property
     def closed(self) -> bool:
@@ -73,8 +79,10 @@ def dynamics(model: InsFilterModel, motion: Motion, errors: ImuErrors) -> Tensor
     Returns:
         F, 1/s, shape (..., n, n).
     """
-    build = phi_angle_dynamics if model.options.model == "phi_angle" else dahmane2022_dynamics
-    return build(model.layout, motion, errors, model.options.correlation_time)
+    simple = model.options.model == "dahmane2022"
+    core = dahmane2022_dynamics(motion) if simple else phi_angle_dynamics(motion)
+    has, tau = model.layout.sensor_states, model.options.correlation_time
+    return with_sensors(core, motion, errors, has, tau)
 
 
 def advanced_sensor(model: InsFilterModel, sensor: Tensor, dt: Tensor) -> Tensor:
@@ -97,8 +105,6 @@ def advanced_sensor(model: InsFilterModel, sensor: Tensor, dt: Tensor) -> Tensor
 def diffusion(layout: InsLayout, omega_ib_b: Tensor, noise: InsNoise) -> Tensor:
     """Return the diagonal of the spectral density of the noise that drives the errors.
 
-    White noise of three like axes has no direction, so the attitude does not matter.
-
     Args:
         layout: Order of the error states.
         omega_ib_b: Angular rate, rad/s, shape (..., 3).
@@ -107,17 +113,41 @@ def diffusion(layout: InsLayout, omega_ib_b: Tensor, noise: InsNoise) -> Tensor:
     Returns:
         Density per error state, its unit squared per second, shape (..., n).
     """
+    return density_of(
+        omega_ib_b,
+        noise.gyro_random_walk,
+        noise.accel_random_walk,
+        noise.turn_noise,
+        walks(layout, noise),
+    )
+
+
+def density_of(
+    omega_ib_b: Tensor, gyro_walk: Tensor, accel_walk: Tensor, turn_noise: Tensor, walks: Tensor
+) -> Tensor:
+    """Return the same of its entries; scriptable.
+
+    White noise of three like axes has no direction, so the attitude does not matter.
+
+    Args:
+        omega_ib_b: Angular rate, rad/s, shape (..., 3).
+        gyro_walk: Angle random walk, rad/√s, shape ().
+        accel_walk: Velocity random walk, m/s/√s, shape ().
+        turn_noise: What turning adds, √s, shape ().
+        walks: Random walk of each sensor parameter, shape (m,).
+
+    Returns:
+        Density per error state, shape (..., 9 + m).
+    """
     turn = (omega_ib_b * omega_ib_b).sum(-1, keepdim=True)
-    batch = turn.shape[:-1]
-    gyro = (noise.gyro_random_walk**2 + noise.turn_noise**2 * turn).expand(*batch, 3)
-    accel = (noise.accel_random_walk**2).expand(*batch, 3)
-    sensors = walks(layout, noise) ** 2
-    parts = (torch.zeros_like(accel), accel, gyro, sensors.expand(*batch, sensors.shape[-1]))
-    return torch.cat(parts, -1)
+    one = torch.ones_like(omega_ib_b)
+    gyro = one * (gyro_walk**2 + turn_noise**2 * turn)
+    parts = [torch.zeros_like(one), accel_walk**2 * one, gyro]
+    return torch.cat(parts + [one[..., :1] * walks**2], -1)
 
 
 def discretized(dynamics: Tensor, density: Tensor, dt: Tensor) -> tuple[Tensor, Tensor]:
-    """Return transition and process noise of a short interval.
+    """Return transition and process noise of a short interval; scriptable.
 
     The exponential to second order and Q = ½ (Φ Qc Φᵀ + Qc) Δt, which differ from Van Loan's by
     the third order of F Δt. [Groves2013] Eq. (3.23), (3.46).
@@ -130,8 +160,8 @@ def discretized(dynamics: Tensor, density: Tensor, dt: Tensor) -> tuple[Tensor, 
     Returns:
         Φ and Q, shape (..., n, n) each.
     """
-    step = dynamics * dt[..., None, None]
+    step = dynamics * dt.unsqueeze(-1).unsqueeze(-1)
     eye = torch.eye(step.shape[-1], dtype=step.dtype, device=step.device)
-    transition = eye + step + 0.5 * step @ step
+    transition = eye + step + 0.5 * (step @ step)
     half = torch.diag_embed(0.5 * density * dt.unsqueeze(-1))
     return transition, half + transition @ half @ transition.transpose(-1, -2)

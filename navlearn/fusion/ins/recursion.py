@@ -28,11 +28,11 @@ from navlearn.fusion.recursion import stacked, unstacked
 from navlearn.fusion.updates import Measured
 from navlearn.states import ImuSample, InsState
 
-TILT: Final = 0.2
+TILT: Final = 0.05
 """Deviation that a reset adds to tilt, in parts of what it adds to azimuth."""
 
-RUNAWAY: Final = 10.0
-"""Time in which a position is taken to have run away before a reset, s."""
+ANEW: Final = (1000.0, 50.0)
+"""Deviations that a reset of position adds to position, m, and velocity, m/s."""
 
 
 class InsCarried(NamedTuple):
@@ -106,10 +106,12 @@ def end_ins_block(
 def ins_opened(model: InsFilterModel, verdict: Tensor, found: Measured) -> Tensor:
     """Return the variance added where the gate resets.
 
-    Position and velocity get their innovation squared, azimuth, through which a car drifts, gets
-    ``reset_azimuth``, and tilt a fifth of it; a position that has run away also opens the velocity
-    that made it do so. What the other kinds contradict is shared among the states that they
-    observe, in proportion to how much each shows.
+    Where position resets, position and velocity begin anew, so unknown that nothing of the fix
+    reaches attitude or sensors through them. Azimuth, through which a car drifts, gets
+    ``reset_azimuth``, and tilt hardly anything: gyros keep it far longer than a fault lasts, and a
+    filter that takes its tilt from faulty fixes never finds back. A velocity that resets for itself
+    gets its innovation squared. What the other kinds contradict is shared among the states that
+    they observe, in proportion to how much each shows.
 
     Args:
         model: The filter.
@@ -131,18 +133,21 @@ def ins_opened(model: InsFilterModel, verdict: Tensor, found: Measured) -> Tenso
             first = 0 if kind == InsKind.POSITION else 3
             after = model.layout.size - first - part.shape[-1]
             extra = extra + torch.nn.functional.pad(part, (first, after))
-            turn = model.gate.reset_azimuth * extra.new_tensor([TILT, TILT, 1.0])
-            turn = turn * turn * reset[..., kind, None]
-            extra = extra + torch.nn.functional.pad(turn, (6, model.layout.size - 9))
-            if kind == InsKind.POSITION:
-                fast = part / RUNAWAY**2
-                extra = extra + torch.nn.functional.pad(fast, (3, model.layout.size - 6))
+            anew = _anew(model, extra, everything=kind == InsKind.POSITION)
+            extra = extra + anew * anew * reset[..., kind, None]
             continue
         H = H * (H.abs() > 1e-3)
         weight = H * H / (H * H).sum(-1, keepdim=True).clamp(min=1e-12)
         share = weight * part.unsqueeze(-1) / (H * H).clamp(min=1e-6)
         extra = extra + share.sum(-2)
     return extra
+
+
+def _anew(model: InsFilterModel, like: Tensor, *, everything: bool) -> Tensor:
+    """Return the deviations that a reset adds beside the innovation, shape (n,)."""
+    turn = model.gate.reset_azimuth * like.new_tensor([TILT, TILT, 1.0])
+    position, velocity = (torch.full_like(turn, size * float(everything)) for size in ANEW)
+    return torch.cat((position, velocity, turn, like.new_zeros(model.layout.size - 9)))
 
 
 def run_ins_loop(
