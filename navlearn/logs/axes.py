@@ -65,14 +65,15 @@ def matrix_from_directions(right: str, forward: str, up: str) -> FloatArray:
     return _right_handed(np.array(rows), f"right: {right}, forward: {forward}, up: {up}")
 
 
-def levelling_matrix(*, pitch: float, roll: float) -> FloatArray:
+def levelling_matrix(*, pitch: float, roll: float, yaw: float = 0.0) -> FloatArray:
     """Return the rotation from a tilted sensor into the level car.
 
     Args:
         pitch: Pitch of the sensor in the car, rad, nose up.
         roll: Roll of the sensor in the car, rad, right side down.
+        yaw: How far the sensor's forward axis lies clockwise of the car's, seen from above, rad.
     """
-    angles = (torch.tensor(angle, dtype=torch.float64) for angle in (0.0, pitch, roll))
+    angles = (torch.tensor(angle, dtype=torch.float64) for angle in (yaw, pitch, roll))
     matrix: FloatArray = matrix_from_angles(*angles).numpy()
     return matrix
 

@@ -11,7 +11,6 @@ import re
 from pathlib import Path
 from typing import Annotated, Final, Literal
 
-import numpy as np
 import yaml
 from pydantic import BaseModel, BeforeValidator, Field, ValidationError, model_validator
 
@@ -34,7 +33,7 @@ FORMAT_ALIASES: Final = {"navlearn": "native"}
 """Other names of formats: navlearn's own is also called by its name."""
 
 FormatName = Annotated[
-    Literal["navinst", "canedge", "kitti", "comma2k19", "csv", "native"],
+    Literal["navinst", "canedge", "kitti", "comma2k19", "sensorlogger", "csv", "native"],
     BeforeValidator(lambda name: FORMAT_ALIASES.get(name, name) if isinstance(name, str) else name),
 ]
 TableName = Literal["imu", "odometer", "fixes", "reference"]
@@ -57,15 +56,17 @@ class Directions(Strict):
 
 
 class Mounting(Strict):
-    """How the sensor is tilted in the car, after its axes are named.
+    """How the sensor is turned in the car, after its axes are named.
 
     Attributes:
         pitch_deg: Pitch of the sensor, nose up.
         roll_deg: Roll of the sensor, right side down.
+        yaw_deg: How far its forward axis lies clockwise of the car's, seen from above.
     """
 
     pitch_deg: float = Field(default=0.0, ge=-60.0, le=60.0)
     roll_deg: float = Field(default=0.0, ge=-60.0, le=60.0)
+    yaw_deg: float = Field(default=0.0, ge=-180.0, le=180.0)
 
 
 class Descriptor(Strict):
@@ -82,7 +83,7 @@ class Descriptor(Strict):
         origin: Where positions in local metres (east, north, up) of a ``csv`` log begin.
         axes: Sensor axes, as three letters (``FLU``) or by direction; the format's own where
             left out.
-        mounting: Tilt of the sensor in the car.
+        mounting: How the sensor is turned in the car after that.
         geoid_height: Height of the geoid above the ellipsoid, m, added to the fixes' heights;
             the format's own where left out.
         lever_arm: Antenna from the IMU, right, forward, up, m.
@@ -139,10 +140,13 @@ class Descriptor(Strict):
             permutation = matrix_from_directions(axes.right, axes.forward, axes.up)
         else:
             permutation = matrix_from_letters(axes)
-        pitch, roll = np.radians((self.mounting.pitch_deg, self.mounting.roll_deg))
-        if math.hypot(pitch, roll) == 0.0:
+        if self.mounting == Mounting():
             return permutation
-        return levelling_matrix(pitch=float(pitch), roll=float(roll)) @ permutation
+        yaw, pitch, roll = (
+            math.radians(angle)
+            for angle in (self.mounting.yaw_deg, self.mounting.pitch_deg, self.mounting.roll_deg)
+        )
+        return levelling_matrix(yaw=yaw, pitch=pitch, roll=roll) @ permutation
 
 
 def load_descriptor(path: Path) -> tuple[Descriptor, Path]:

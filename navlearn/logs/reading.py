@@ -20,6 +20,7 @@ from navlearn.logs.formats.finding import listing
 from navlearn.logs.formats.kitti import oxts_folder, read_kitti
 from navlearn.logs.formats.native import HEADER, load_log
 from navlearn.logs.formats.navinst import read_navinst
+from navlearn.logs.formats.sensorlogger import is_sensorlogger, read_sensorlogger
 from navlearn.logs.nearest import nearest_hint
 from navlearn.logs.sensor_truth import SENSOR_TRUTH, SensorTruth, load_sensor_truth
 
@@ -28,6 +29,7 @@ _READERS: Final[dict[str, Callable[[Path, Descriptor], Published]]] = {
     "canedge": read_canedge,
     "kitti": read_kitti,
     "comma2k19": read_comma2k19,
+    "sensorlogger": read_sensorlogger,
     "csv": read_csv_tables,
 }
 FORMATS: Final = (*_READERS, "native")
@@ -97,6 +99,8 @@ def recognise_format(path: Path) -> str:
             return "canedge"
         if path.name == HEADER:
             return "native"
+        if is_sensorlogger(path):
+            return "sensorlogger"
     elif next(path.rglob("INSPVA.mat"), None) or next(path.rglob("f_w_IMSseconds_dt.mat"), None):
         return "navinst"
     elif next(path.rglob("*.[mM][fF]4"), None):
@@ -105,6 +109,8 @@ def recognise_format(path: Path) -> str:
         return "kitti"
     elif has_segments(path):
         return "comma2k19"
+    elif is_sensorlogger(path):
+        return "sensorlogger"
     elif _native_folder(path):
         return "native"
     elif _csv_folder(path):
@@ -112,9 +118,9 @@ def recognise_format(path: Path) -> str:
     found = listing(path) if path.is_dir() else f"the file {path.name}"
     raise LogError(
         f"{path}: no known log format; looked for INSPVA.mat (navinst), *.MF4 (canedge), "
-        f"oxts/timestamps.txt (kitti), processed_log/IMU (comma2k19), {HEADER} (native) and "
-        f"imu.csv, imu.csv.gz or imu.parquet (csv); found {found}; for other layouts write a "
-        "descriptor"
+        "oxts/timestamps.txt (kitti), processed_log/IMU (comma2k19), Gyroscope.csv and "
+        f"Location.csv (sensorlogger), {HEADER} (native) and imu.csv, imu.csv.gz or imu.parquet "
+        f"(csv); found {found}; for other layouts write a descriptor"
     )
 
 

@@ -43,7 +43,10 @@ def test_data_folder_from_the_environment_or_beside_the_repository(tmp_path, mon
     ("entries", "message"),
     [
         ({"on_backsteps": "drop"}, "unknown key on_backsteps (did you mean 'on_backstep'?)"),
-        ({"format": "cvs"}, "format: Input should be 'navinst', 'canedge', 'kitti', 'comma2k19'"),
+        (
+            {"format": "cvs"},
+            "format: Input should be 'navinst', 'canedge', 'kitti', 'comma2k19', 'sensorlogger'",
+        ),
         ({"origin": {"lat": 49.0}}, "unknown key origin.lat (did you mean 'lat_deg'?)"),
         ({"section_s": [9.0, 3.0]}, "section_s: ends at 3 s, before it starts"),
         ({"section_s": [-1.0, 3.0]}, "section_s.0: Input should be greater than or equal to 0"),

@@ -114,3 +114,11 @@ def test_levelling_makes_a_tilted_parked_sensor_read_gravity_up(pitch, roll):
     ]
     level = levelling_matrix(pitch=pitch, roll=roll) @ tilted
     np.testing.assert_allclose(level, [0.0, 0.0, g], atol=1e-12)
+
+
+def test_a_sensor_turned_about_the_vertical():
+    # Its forward axis points 30° to the right of the car's: what it calls forward is right too.
+    turn = levelling_matrix(yaw=np.radians(30.0), pitch=0.0, roll=0.0)
+    np.testing.assert_allclose(
+        turn @ np.array([0.0, 1.0, 0.0]), [0.5, np.cos(np.radians(30.0)), 0.0], atol=1e-15
+    )
