@@ -130,3 +130,27 @@ def test_angles_differentiate():
     assert torch.autograd.gradcheck(attitude.quaternion_from_angles, angles)
     round_trip = lambda *a: attitude.angles_from_matrix(attitude.matrix_from_angles(*a))  # noqa: E731
     assert torch.autograd.gradcheck(round_trip, angles)
+
+
+def test_quaternion_of_a_matrix_equals_scipy_and_returns_the_matrix():
+    generator = torch.Generator().manual_seed(5)
+    given = torch.randn(300, 4, generator=generator, dtype=torch.float64)
+    half_turns = torch.eye(4, dtype=torch.float64)[1:]  # scalar zero: the hard ones
+    given = torch.cat((given / given.norm(dim=-1, keepdim=True), half_turns))
+    matrix = attitude.matrix_from_quaternion(given)
+    found = attitude.quaternion_from_matrix(matrix)
+    expected = torch.from_numpy(
+        Rotation.from_matrix(matrix.numpy()).as_quat(canonical=True, scalar_first=True)
+    )
+    torch.testing.assert_close(found, expected, rtol=0, atol=1e-14)
+    torch.testing.assert_close(attitude.matrix_from_quaternion(found), matrix, rtol=0, atol=1e-14)
+    assert torch.autograd.gradcheck(
+        attitude.quaternion_from_matrix, matrix[:300:60].clone().requires_grad_()
+    )
+
+
+def test_angles_return_from_a_quaternion():
+    angles = _angles(100, seed=2)
+    quaternion = attitude.quaternion_from_angles(*angles)
+    for found, given in zip(attitude.angles_from_quaternion(quaternion), angles, strict=True):
+        torch.testing.assert_close(found, given, rtol=0, atol=1e-11)
