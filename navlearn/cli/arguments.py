@@ -11,8 +11,9 @@ FormatOption = Annotated[
     str | None,
     typer.Option(
         "--format",
-        help="Reader: navlearn (navlearn's own), csv, navinst, canedge, or a descriptor (.yaml) "
-        "whose layout is applied to LOG; recognised where left out.",
+        help="Reader: navlearn (navlearn's own), csv, navinst, canedge, kitti, comma2k19, "
+        "sensorlogger, or a descriptor (.yaml) whose layout is applied to LOG; recognised where "
+        "left out.",
     ),
 ]
 RunFolderOption = Annotated[Path, typer.Option("--out", help="Folder for the run.")]

@@ -88,8 +88,8 @@ class LogSource(Section):
     Attributes:
         descriptor: YAML descriptor of a published log.
         path: Log file or folder, for logs that need no descriptor.
-        format: Reader of ``path``: ``native``, ``csv``, ``navinst`` or ``canedge``, or a descriptor
-            whose layout is applied; recognised where left out.
+        format: Reader of ``path`` (docs/logs.md lists them), or a descriptor whose layout is
+            applied; recognised where left out.
         simulated: A drive to simulate.
         between_s: First and last time of the part that is used, on the log's clock; null for all.
         gyro: A synthetic error to add to the log's gyro; None leaves it as it was recorded.
