@@ -8,7 +8,7 @@ gate refused stays refused, and where it reset nothing is known across: the cova
 there is process noise.
 """
 
-from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import torch
@@ -16,31 +16,15 @@ from torch import Tensor
 
 from navlearn.errors import ShapeError
 from navlearn.filters.belief import Belief, map_belief
-from navlearn.fusion.filter_model import FilterModel
 from navlearn.fusion.history import FilterHistory
 from navlearn.fusion.loosely_coupled import LooselyCoupledEkf
 from navlearn.fusion.record import starts_of_blocks
+from navlearn.fusion.smoothed_blocks import SmoothingOptions as SmoothingOptions
+from navlearn.fusion.smoothed_blocks import iterated
 from navlearn.fusion.smoothed_path import smoothed_path
-from navlearn.fusion.smoothing_pass import Evidence, SmoothedPass, evidence_of, smoothing_pass
+from navlearn.fusion.smoothing_pass import evidence_of, smoothing_pass
 from navlearn.fusion.timeline import timeline
 from navlearn.states import FixTiming, GnssFix, RissSample, Trajectory
-
-
-@dataclass(frozen=True, kw_only=True)
-class SmoothingOptions:
-    """How a drive is smoothed.
-
-    Attributes:
-        passes: Most passes; 1 is the classical smoother about the filter's beliefs.
-        tolerance: Largest move of a block's start in the last pass, m; azimuth counts as 30 m
-            ahead of the car.
-        give_up: Where the last pass still moves a start further than this, m, the passes do not
-            converge, and the classical smoother's result is returned.
-    """
-
-    passes: int = 10
-    tolerance: float = 1e-3
-    give_up: float = 0.1
 
 
 class SmoothedDrive(NamedTuple):
@@ -102,7 +86,7 @@ def smooth(
             options,
         )
         return _without_batch(batched)
-    model, chosen = ekf.model, options or SmoothingOptions()
+    model = ekf.model
     line = timeline(model, samples, fixes, timing)
     if history.end.shape != line.blocks.end.shape or bool((history.end != line.blocks.end).any()):
         raise ShapeError(
@@ -111,7 +95,9 @@ def smooth(
             "on, and the filter itself"
         )
     evidence = evidence_of(model, start, line, history, ekf.noise)
-    found, passes = _iterated(model, evidence, history.belief, chosen)
+    begin = starts_of_blocks(start, history.belief)
+    run = partial(smoothing_pass, model, evidence)
+    found, passes = iterated(begin, run, _largest_move, options or SmoothingOptions())
     return SmoothedDrive(
         line.blocks.end,
         found.start,
@@ -121,21 +107,6 @@ def smooth(
         found.gain,
         passes,
     )
-
-
-def _iterated(
-    model: FilterModel, evidence: Evidence, belief: Belief, options: SmoothingOptions
-) -> tuple[SmoothedPass, int]:
-    first = found = smoothing_pass(model, evidence, starts_of_blocks(evidence.start, belief))
-    moved = 0.0
-    for number in range(2, options.passes + 1):
-        begin = starts_of_blocks(found.start, found.belief)
-        found = smoothing_pass(model, evidence, begin)
-        moved = _largest_move(starts_of_blocks(found.start, found.belief), begin)
-        if moved < options.tolerance:
-            return found, number
-    # written so that NaN, which is not below anything, gives up too
-    return (found, options.passes) if moved < options.give_up else (first, 1)
 
 
 def _largest_move(new: Belief, old: Belief) -> float:

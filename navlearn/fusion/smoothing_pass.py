@@ -1,62 +1,28 @@
 """One pass of the smoother: every block linearised at its guess, filtered and smoothed over all."""
 
-from typing import NamedTuple
-
 import torch
 from torch import Tensor
 
 from navlearn.filters.belief import Belief, map_belief
-from navlearn.filters.scan import LinearSteps, filter_in_parallel
-from navlearn.filters.smoother import forward_pass, smooth_in_parallel
 from navlearn.fusion.fast_pass import shift_of_blocks
 from navlearn.fusion.filter_model import FilterModel, difference, fed_back, predict_blocks
-from navlearn.fusion.gating import opened, taken
+from navlearn.fusion.gated_pass import Linearised
+from navlearn.fusion.gating import opened
 from navlearn.fusion.ground_velocity import BlockEnd
 from navlearn.fusion.history import FilterHistory
 from navlearn.fusion.measurements import Verdict
 from navlearn.fusion.noise import EkfNoise
+from navlearn.fusion.smoothed_blocks import Evidence, SmoothedPass, smoothed_deviations
 from navlearn.fusion.timeline import Timeline
 from navlearn.fusion.updates import measured
 from navlearn.states import RissSample
 
-
-class Evidence(NamedTuple):
-    """What all passes over a drive share.
-
-    Attributes:
-        start: Belief before the first sample, batch shape (B,).
-        line: The drives in blocks.
-        noise: Noise densities and deviations.
-        verdict: The filter's verdicts, which are kept, shape (B, K, 5).
-        opened: Variance that the gate's resets added at the ends of blocks, shape (B, K, n).
-    """
-
-    start: Belief
-    line: Timeline
-    noise: EkfNoise
-    verdict: Tensor
-    opened: Tensor
-
-
-class SmoothedPass(NamedTuple):
-    """What a pass gives.
-
-    Attributes:
-        start: Smoothed belief before the first sample, batch shape (B,).
-        belief: Smoothed belief at the end of each block, batch shape (B, K).
-        transition: Φ of each block at the guess, shape (B, K, n, n).
-        gain: Smoother gain from each block's end to its start, shape (B, K, n, n).
-    """
-
-    start: Belief
-    belief: Belief
-    transition: Tensor
-    gain: Tensor
+RissEvidence = Evidence[Belief, Timeline, EkfNoise]
 
 
 def evidence_of(
     model: FilterModel, start: Belief, line: Timeline, history: FilterHistory, noise: EkfNoise
-) -> Evidence:
+) -> RissEvidence:
     """Return what a filter's history holds against drives.
 
     Args:
@@ -73,10 +39,12 @@ def evidence_of(
     if bool((history.verdict == int(Verdict.ACCEPTED_BY_RESET)).any()):
         found = measured(model.measurement, history.prior, line.occasion, noise)
         extra = opened(model, history.verdict, found, torch.nan_to_num(history.innovation))
-    return Evidence(start, line, noise, history.verdict, extra)
+    return RissEvidence(start, line, noise, history.verdict, extra)
 
 
-def smoothing_pass(model: FilterModel, evidence: Evidence, begin: Belief) -> SmoothedPass:
+def smoothing_pass(
+    model: FilterModel, evidence: RissEvidence, begin: Belief
+) -> SmoothedPass[Belief]:
     """Filter and smooth deviations from what blocks predict from a guess of their starts.
 
     Args:
@@ -93,20 +61,17 @@ def smoothing_pass(model: FilterModel, evidence: Evidence, begin: Belief) -> Smo
         state=ahead.state, sensor=ahead.sensor, velocity_offset=ahead.velocity_offset
     )
     found = measured(model.measurement, end, line.occasion, evidence.noise)
-    used = taken(model, found, evidence.verdict)
     transition, q = ahead.linearised
-    steps = LinearSteps(
-        transition,
-        shift_of_blocks(model, begin, end, line, transition),
-        q + torch.diag_embed(evidence.opened),
-        used.observation,
-        used.variance,
-        used.innovation,
-    )
+    shift = shift_of_blocks(model, begin, end, line, transition)
     guess, opening = map_belief(begin, _first_block), _opening(line)
-    prior = difference(model, start, guess, opening)
-    filtered = filter_in_parallel(prior, start.covariance, steps)
-    smoothed = smooth_in_parallel(forward_pass(prior, start.covariance, steps, filtered))
+    smoothed = smoothed_deviations(
+        model,
+        difference(model, start, guess, opening),
+        start.covariance,
+        Linearised(transition, shift, q, found),
+        evidence.verdict,
+        evidence.opened,
+    )
     mean, covariance = smoothed.mean, smoothed.covariance
     before = fed_back(model, guess, mean[:, 0], opening)
     after = fed_back(model, end, mean[:, 1:], line.occasion.end)

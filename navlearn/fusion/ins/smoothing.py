@@ -7,30 +7,22 @@ beliefs is the classical smoother, passes about what was smoothed before are the
 is process noise.
 """
 
+from functools import partial
 from typing import NamedTuple
 
 from torch import Tensor
 
 from navlearn.errors import ShapeError
 from navlearn.filters.ins_belief import InsBelief, map_ins_belief
+from navlearn.fusion.ins.fast import largest_move
 from navlearn.fusion.ins.history import InsHistory
 from navlearn.fusion.ins.loosely_coupled import InsEkf
-from navlearn.fusion.ins.model import InsFilterModel
 from navlearn.fusion.ins.smoothed_path import ins_smoothed_path
-from navlearn.fusion.ins.smoothing_pass import (
-    InsEvidence,
-    InsSmoothedPass,
-    belief_difference,
-    ins_evidence_of,
-    ins_smoothing_pass,
-)
+from navlearn.fusion.ins.smoothing_pass import ins_evidence_of, ins_smoothing_pass
 from navlearn.fusion.ins.timeline import ins_timeline
 from navlearn.fusion.record import starts_of_blocks
-from navlearn.fusion.smoothing import SmoothingOptions
+from navlearn.fusion.smoothed_blocks import SmoothingOptions, iterated
 from navlearn.states import FixTiming, GnssFix, ImuSample, InsState
-
-AHEAD = 30.0
-"""A rotation counts as what it moves so far ahead of the car, m."""
 
 
 class SmoothedInsDrive(NamedTuple):
@@ -101,7 +93,9 @@ def smooth_ins(
             "on, and the filter itself"
         )
     evidence = ins_evidence_of(model, start, line, history, ekf.noise)
-    found, passes = _iterated(model, evidence, history.belief, options or SmoothingOptions())
+    begin = starts_of_blocks(start, history.belief)
+    run = partial(ins_smoothing_pass, model, evidence)
+    found, passes = iterated(begin, run, largest_move, options or SmoothingOptions())
     return SmoothedInsDrive(
         line.blocks.end,
         found.start,
@@ -111,27 +105,6 @@ def smooth_ins(
         found.gain,
         passes,
     )
-
-
-def _iterated(
-    model: InsFilterModel, evidence: InsEvidence, belief: InsBelief, options: SmoothingOptions
-) -> tuple[InsSmoothedPass, int]:
-    begin = starts_of_blocks(evidence.start, belief)
-    first = found = ins_smoothing_pass(model, evidence, begin)
-    moved = 0.0
-    for number in range(2, options.passes + 1):
-        begin = starts_of_blocks(found.start, found.belief)
-        found = ins_smoothing_pass(model, evidence, begin)
-        moved = _largest_move(starts_of_blocks(found.start, found.belief), begin)
-        if moved < options.tolerance:
-            return found, number
-    # written so that NaN, which is not below anything, gives up too
-    return (found, options.passes) if moved < options.give_up else (first, 1)
-
-
-def _largest_move(new: InsBelief, old: InsBelief) -> float:
-    moved = belief_difference(new, old)[..., :9].detach().abs()
-    return max(float(moved[..., :6].amax()), AHEAD * float(moved[..., 6:].amax()))
 
 
 def _unsqueezed(x: Tensor) -> Tensor:

@@ -4,16 +4,13 @@ As for the RISS filter (:mod:`navlearn.fusion.smoothing_pass`): deviations from 
 predict from their guessed starts are a linear system, filtered and smoothed in parallel.
 """
 
-from typing import NamedTuple
-
 import torch
 from torch import Tensor
 
 from navlearn.filters.ins_belief import InsBelief, map_ins_belief
-from navlearn.filters.scan import LinearSteps, filter_in_parallel
-from navlearn.filters.smoother import forward_pass, smooth_in_parallel
-from navlearn.fusion.gating import taken
+from navlearn.fusion.gated_pass import Linearised
 from navlearn.fusion.ins.composed import by_preintegration, by_product, has_closed_form
+from navlearn.fusion.ins.fast_blocks import shift_of_ins_blocks
 from navlearn.fusion.ins.history import InsHistory
 from navlearn.fusion.ins.layout import moved_belief, state_difference
 from navlearn.fusion.ins.model import InsFilterModel, advanced_sensor
@@ -22,41 +19,10 @@ from navlearn.fusion.ins.recursion import ins_opened
 from navlearn.fusion.ins.timeline import InsTimeline
 from navlearn.fusion.ins.updates import ins_measured
 from navlearn.fusion.measurements import Verdict
+from navlearn.fusion.smoothed_blocks import Evidence, SmoothedPass, smoothed_deviations
 from navlearn.states import ImuSample
 
-
-class InsEvidence(NamedTuple):
-    """What all passes over a drive share.
-
-    Attributes:
-        start: Belief before the first sample, batch shape (B,).
-        line: The drives in blocks.
-        noise: Noise densities and deviations.
-        verdict: The filter's verdicts, which are kept, shape (B, K, kinds).
-        opened: Variance that the gate's resets added at the ends of blocks, shape (B, K, n).
-    """
-
-    start: InsBelief
-    line: InsTimeline
-    noise: InsNoise
-    verdict: Tensor
-    opened: Tensor
-
-
-class InsSmoothedPass(NamedTuple):
-    """What a pass gives.
-
-    Attributes:
-        start: Smoothed belief before the first sample, batch shape (B,).
-        belief: Smoothed belief at the end of each block, batch shape (B, K).
-        transition: Φ of each block at the guess, shape (B, K, n, n).
-        gain: Smoother gain from each block's end to its start, shape (B, K, n, n).
-    """
-
-    start: InsBelief
-    belief: InsBelief
-    transition: Tensor
-    gain: Tensor
+InsEvidence = Evidence[InsBelief, InsTimeline, InsNoise]
 
 
 def ins_evidence_of(
@@ -88,7 +54,7 @@ def ins_evidence_of(
 
 def ins_smoothing_pass(
     model: InsFilterModel, evidence: InsEvidence, begin: InsBelief
-) -> InsSmoothedPass:
+) -> SmoothedPass[InsBelief]:
     """Filter and smooth deviations from what blocks predict from a guess of their starts.
 
     Args:
@@ -102,21 +68,17 @@ def ins_smoothing_pass(
     start, line = evidence.start, evidence.line
     end, transition, q = _predicted(model, begin, line.samples, evidence.noise)
     found = ins_measured(model, end, line.occasion, evidence.noise)
-    used = taken(model, found, evidence.verdict)
-    steps = LinearSteps(
-        transition,
-        _shift(begin, end, transition),
-        q + torch.diag_embed(evidence.opened),
-        used.observation,
-        used.variance,
-        used.innovation,
-    )
     guess = map_ins_belief(begin, lambda x: x[:, 0])
-    prior = belief_difference(start, guess)
-    filtered = filter_in_parallel(prior, start.covariance, steps)
-    smoothed = smooth_in_parallel(forward_pass(prior, start.covariance, steps, filtered))
+    smoothed = smoothed_deviations(
+        model,
+        belief_difference(start, guess),
+        start.covariance,
+        Linearised(transition, shift_of_ins_blocks(begin, end, transition), q, found),
+        evidence.verdict,
+        evidence.opened,
+    )
     mean, covariance = smoothed.mean, smoothed.covariance
-    return InsSmoothedPass(
+    return SmoothedPass(
         moved_belief(guess, mean[:, 0])._replace(covariance=covariance[:, 0]),
         moved_belief(end, mean[:, 1:])._replace(covariance=covariance[:, 1:]),
         transition,
@@ -149,11 +111,3 @@ def belief_difference(belief: InsBelief, other: InsBelief) -> Tensor:
     """
     parts = (state_difference(belief.state, other.state), belief.sensor - other.sensor)
     return torch.cat(parts, -1)
-
-
-def _shift(begin: InsBelief, end: InsBelief, transition: Tensor) -> Tensor:
-    """Return by how much a block's prediction moves because the one before ends elsewhere."""
-    ended = map_ins_belief(end, lambda x: x[:, :-1])
-    gap = belief_difference(ended, map_ins_belief(begin, lambda x: x[:, 1:]))
-    gap = torch.nn.functional.pad(gap, (0, 0, 1, 0))
-    return (transition @ gap.unsqueeze(-1)).squeeze(-1)

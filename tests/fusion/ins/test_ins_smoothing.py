@@ -261,7 +261,7 @@ def test_what_is_left_is_spread_so_that_velocity_is_the_slope_of_the_way() -> No
     torch.testing.assert_close(slope, fine[1:-1, 3:6], rtol=0.0, atol=1e-4)
 
 
-@pytest.mark.parametrize("method", ["sequential"])
+@pytest.mark.parametrize("method", ["sequential", "fast"])
 def test_every_form_of_the_filter_smooths_alike(method) -> None:
     d, belief, _ = drive(seconds=20, batch=2)
     d = without_fixes(d, 8, 14)
