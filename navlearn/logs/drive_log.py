@@ -107,6 +107,8 @@ class DriveLog:
     def between(self, start: float, stop: float) -> "DriveLog":
         """Return the part of the drive with start <= t < stop, times unchanged.
 
+        A stated start goes with a part that begins with the whole.
+
         Args:
             start: First time kept, s.
             stop: First time no longer kept, s.
@@ -115,7 +117,10 @@ class DriveLog:
         def cut(table: pd.DataFrame) -> pd.DataFrame:
             return table[(table["t"] >= start) & (table["t"] < stop)].reset_index(drop=True)
 
-        return self.with_tables({name: cut(table) for name, table in self.tables().items()})
+        part = self.with_tables({name: cut(table) for name, table in self.tables().items()})
+        if part.metadata.start is None or part.imu["t"].iloc[:1].equals(self.imu["t"].iloc[:1]):
+            return part
+        return replace(part, metadata=replace(part.metadata, start=None))
 
     def with_tables(self, tables: Mapping[str, pd.DataFrame]) -> "DriveLog":
         """Return the log with some tables replaced.

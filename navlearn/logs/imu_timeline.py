@@ -13,7 +13,6 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from navlearn.attitude import quaternion_from_angles
 from navlearn.errors import ConfigError, LogError
 from navlearn.logs.clock import without_latency
 from navlearn.logs.drive_log import DriveLog
@@ -22,7 +21,7 @@ from navlearn.logs.imu_means import imu_mean, sampling_of
 from navlearn.logs.ins_standstill import BoolArray, InsStandstillOptions, standstill_intervals
 from navlearn.logs.interval_means import FloatArray, interval_means, typical_period
 from navlearn.logs.six_axes import ACCELEROMETERS, GYROS, check_six_axes
-from navlearn.states import FixTiming, GnssFix, ImuSample, InsState
+from navlearn.states import FixTiming, GnssFix, ImuSample
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,7 +55,6 @@ class ImuTimeline:
         timing: Interval at whose end each fix is used, and its delay, shape (M,) each.
         fix_time: When each fix was valid, s, shape (M,).
         bridged: Where a gap in the IMU was bridged by a straight line, bool, shape (T,).
-        start: State at ``start_time`` where the log states it, without batch axes, or None.
     """
 
     start_time: float
@@ -66,7 +64,6 @@ class ImuTimeline:
     timing: FixTiming
     fix_time: Tensor
     bridged: Tensor
-    start: InsState | None
 
 
 def imu_timeline(
@@ -106,26 +103,6 @@ def imu_timeline(
         timing=timing,
         fix_time=fix_time,
         bridged=torch.tensor(bridged),
-        start=_stated_start(log, float(edges[0])),
-    )
-
-
-def _stated_start(log: DriveLog, time: float) -> InsState | None:
-    """Return the state that the log states, unless it was cut after it was stated."""
-    stated, period = log.metadata.start, typical_period(log.imu["t"].to_numpy(np.float64))
-    if stated is None or abs(time) > 1.5 * period:
-        return None
-
-    def scalar(value: float) -> Tensor:
-        return torch.tensor(value, dtype=torch.float64)
-
-    angles = (scalar(angle) for angle in (stated.azimuth, stated.pitch, stated.roll))
-    return InsState(
-        scalar(stated.lat),
-        scalar(stated.lon),
-        scalar(stated.height),
-        torch.stack([scalar(v) for v in (stated.v_e, stated.v_n, stated.v_u)]),
-        quaternion_from_angles(*angles),
     )
 
 
