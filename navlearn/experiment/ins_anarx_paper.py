@@ -20,7 +20,7 @@ from navlearn.experiment.anarx_method import last_fix
 from navlearn.experiment.gate_notes import gate_notes
 from navlearn.experiment.ins_anarx_data import FreeIns, free_ins
 from navlearn.experiment.ins_anarx_diagnostics import Diagnose, paper_diagnostics
-from navlearn.experiment.ins_anarx_method import largest_error
+from navlearn.experiment.ins_anarx_learning import largest_error
 from navlearn.experiment.ins_filter_runs import InsFilterRuns
 from navlearn.experiment.learned import pseudo_outage_options
 from navlearn.experiment.solution_tables import ins_solution_table, with_deviations

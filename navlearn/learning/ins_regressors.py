@@ -29,8 +29,15 @@ INS_CHANNELS: Final[dict[str, str]] = {
     "pitch": "rad",
     "roll": "rad",
     "delay": "60 s",
+    "turned_speed": "m/s",
+    "delayed_speed": "m/s",
 }
-"""Channels by unit; specific forces are less gravity as the coast's attitude has it."""
+"""Channels by unit; specific forces are less gravity as the coast's attitude has it.
+
+``turned_speed`` is forward speed times the angle turned since the start (how fast a gyro's scale
+error carries the car aside), ``delayed_speed`` forward speed times the delay in units of 60 s
+(the same of a gyro bias that the filter did not find).
+"""
 
 GRAVITY: Final = 9.80665
 DELAY_SCALE: Final = 60.0
@@ -114,6 +121,8 @@ def ins_regressors(means: CoastMeans, names: tuple[str, ...]) -> Tensor:
         )
     lateral, forward, vertical = (means.velocity_b[..., k] for k in range(3))
     yaw_rate = means.omega_b[..., 2]
+    turned = (yaw_rate * means.dt).cumsum(-1)
+    delay = means.dt.cumsum(-1) / DELAY_SCALE
     channels = {
         "forward_speed": forward,
         "lateral_speed": lateral,
@@ -125,9 +134,11 @@ def ins_regressors(means: CoastMeans, names: tuple[str, ...]) -> Tensor:
         "roll_rate": means.omega_b[..., 1],
         "yaw_rate": yaw_rate,
         "abs_yaw_rate": yaw_rate.abs(),
-        "turned_angle": (yaw_rate * means.dt).cumsum(-1),
+        "turned_angle": turned,
         "pitch": means.pitch,
         "roll": means.roll,
-        "delay": means.dt.cumsum(-1) / DELAY_SCALE,
+        "delay": delay,
+        "turned_speed": forward * turned,
+        "delayed_speed": forward * delay,
     }
     return torch.stack([channels[name] for name in names], -1)

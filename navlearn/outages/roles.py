@@ -16,7 +16,7 @@ BOUND: Final = "noise_free_gyro"
 ORACLES: Final = (ORACLE, BOUND, "perfect_azimuth")
 """Methods that know what no car can know."""
 
-PAPERS: Final = ("iqbal2020", "shen2010")
+PAPERS: Final = ("iqbal2020", "shen2010", "jaradat2017")
 """How the names of methods begin that work as a paper printed them."""
 
 BASELINE_VERDICTS: Final = {"helps": "better", "harms": "worse", "harmless": "no worse"}

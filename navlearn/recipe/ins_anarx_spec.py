@@ -21,14 +21,8 @@ if TYPE_CHECKING:
 PAPER_INPUTS: Final = ("ins_position", "gnss_position", "delay_steps")
 """P_INS, P_GPS held since the last fix, d: names of :mod:`navlearn.learning.position_series`."""
 
-SOUND_INPUTS: Final = (
-    "forward_speed",
-    "forward_acceleration",
-    "lateral_acceleration",
-    "yaw_rate",
-    "delay",
-)
-"""What may carry over from one minute to the next."""
+SOUND_INPUTS: Final = ("forward_speed", "turned_speed", "delayed_speed")
+"""How fast errors of an odometer, of a gyro's scale and of its bias carry a car away."""
 
 JARADAT2017: Final[dict[str, Any]] = {
     "training": "open_loop",
@@ -41,7 +35,7 @@ JARADAT2017: Final[dict[str, Any]] = {
     "patience": 6,
     "starts": 1,
     "ridge": 1e-6,
-    "window_s": 300.0,
+    "window_s": 200.0,
 }
 """What takes the place of the defaults, which are those of the sound mode, in the paper's."""
 
@@ -92,7 +86,7 @@ class InsAnarxSpec(SpecBase):
     max_iterations: Count = 60
     patience: Count = 10
     starts: Count = 2
-    ridge: NotNegative = 1.0
+    ridge: NotNegative = 300.0
     window_s: Positive | None = None
     seed: Seed = 0
 

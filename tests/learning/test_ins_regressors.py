@@ -34,6 +34,7 @@ def test_values_of_every_channel():
         "forward_acceleration": 0.5, "lateral_acceleration": 0.3, "vertical_acceleration": 0.0,
         "pitch_rate": 0.01, "roll_rate": -0.02, "yaw_rate": 0.1, "abs_yaw_rate": 0.1,
         "turned_angle": 0.2, "pitch": 0.05, "roll": -0.02, "delay": 2.0 / 60.0,
+        "turned_speed": 2.4, "delayed_speed": 0.4,
     }  # fmt: skip
     assert found == pytest.approx(wanted, abs=1e-9)
 
