@@ -12,6 +12,11 @@ SMALLEST = {
     "ekf": ["--minutes", "1", "--window", "10", "--repeat", "1"],
     "fos": ["--rows", "100", "--repeats", "1", "--draws", "2"],
     "fos_peers": ["--rows", "100", "--repeats", "1", "--noise", "0.3", "--seeds", "1"],
+    "ins_alignment": [
+        *("--grades", "mems_m", "--seeds", "11", "--kitti", "--windows", "15"),
+        *("--duration", "60"),
+    ],
+    "ins_standstill": ["--logs", "kitti_0034"],
     "mechanization": ["--repeats", "1", "--loop-samples", "100"],
     "pci": ["--repeats", "1", "--windows", "2", "--draws", "2", "--rows", "100", "--seeds", "1"],
     "predictor": ["--rows", "20", "--repeats", "1"],
