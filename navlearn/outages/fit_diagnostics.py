@@ -179,7 +179,7 @@ def _in_use(one: FitDiagnostics) -> list[dict[str, object]]:
 
 
 def fit_section(diagnostics: Sequence[FitDiagnostics]) -> list[str]:
-    """Return what a report says of the fits, as Markdown.
+    """Return what a report says of the fits, as Markdown, a heading first.
 
     Args:
         diagnostics: One per method, of the last outage each.
@@ -201,12 +201,19 @@ def fit_section(diagnostics: Sequence[FitDiagnostics]) -> list[str]:
     ]
     header = ("method", "output", "part", "rows", "mean m", "RMS m", "RMS if unchanged m", "R")
     out = [
-        "What each model makes of the rows that it learned from, before the last outage.\n",
-        markdown_table(header, lines),
+        "## What networks make of what they learned from\n",
+        "The last fit of each, before the last outage.\n",
+        markdown_table(header, lines, texts=3),
         "The mean residual is next to zero on training rows for any least-squares model with a "
         "constant, whatever it predicts: judge by the RMS, by what the row before would have "
         "told (*if unchanged*), and by how the model does in use.\n",
     ]
+    if (every["part"] == "in use").any():
+        out.append(
+            "\n*In use* is the error of the path against the reference at every step, the networks "
+            "run on their own output over the rows that they learned from and through the outage; "
+            "*ins alone* is that of the INS without them.\n"
+        )
     leaking = [f"`{one.method}`" for one in diagnostics if one.split == "random"]
     if leaking:
         out.append(
