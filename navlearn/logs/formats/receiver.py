@@ -85,10 +85,12 @@ def refuse_other_clock(file: str, fixes: pd.DataFrame, imu: pd.DataFrame) -> Non
     Raises:
         LogError: They have no time in common.
     """
-    if fixes.empty or "t" not in imu or not len(imu):
+    # What is no time at all is left to the check of the table.
+    t = pd.to_numeric(imu["t"], errors="coerce").dropna() if "t" in imu else pd.Series(dtype=float)
+    if fixes.empty or t.empty:
         return
     first, last = float(fixes["t"].min()), float(fixes["t"].max())
-    begin, end = float(imu["t"].min()), float(imu["t"].max())
+    begin, end = float(t.min()), float(t.max())
     if first <= end and begin <= last:
         return
     raise LogError(

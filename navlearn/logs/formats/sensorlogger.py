@@ -60,6 +60,11 @@ def read_sensorlogger(path: Path, descriptor: Descriptor) -> Published:
     """
     merged = path.is_file()
     imu, fixes, files = _merged(path) if merged else _folder(path)
+    if len(imu) < 2 or fixes.empty:
+        raise LogError(
+            f"{files['imu']}: {len(imu)} rows with gyro and acceleration, {len(fixes)} with a fix; "
+            "check that the file was written to its end"
+        )
     extra: dict[str, object] = {}
     if descriptor.axes is None:
         mounting = find_mounting(imu, fixes)
@@ -159,7 +164,7 @@ def _force(
     path: Path, acc: dict[str, FloatArray] | None, gravity: dict[str, FloatArray] | None
 ) -> dict[str, FloatArray]:
     """Return the specific force: with gravity as it is, without it and gravity added."""
-    if acc is None:
+    if acc is None or any(np.isnan(values).all() for values in acc.values()):
         raise LogError(
             f"{path.name}: no acceleration; a phone's mounting cannot be found without: record "
             "TotalAcceleration, or Accelerometer and Gravity"

@@ -99,22 +99,28 @@ def _times(file: str, messages: list[Any]) -> tuple[FloatArray, bool]:
     # A new week begins where the time of week falls back by half of one.
     weeks = np.cumsum(np.diff(week_seconds, prepend=week_seconds[0]) < -0.5 * _WEEK)
     since = week_seconds + weeks * _WEEK
-    resolved = [bool(m.validDate and m.validTime and m.fullyResolved) for m in messages]
-    valid = [bool(m.validDate and m.validTime) for m in messages]
-    usable = np.array(resolved if any(resolved) else valid)
-    if not usable.any():
+    utc = np.array([_utc(message) for message in messages])
+    resolved = np.array([bool(message.fullyResolved) for message in messages])
+    known = np.isfinite(utc)
+    if not known.any():
         raise LogError(
             f"{file}: none of {len(messages)} NAV-PVT messages has a valid UTC date; record until "
             "the receiver knows it"
         )
-    utc = np.array([_utc(m) if ok else math.nan for m, ok in zip(messages, usable, strict=True)])
+    leap_seconds_known = bool((known & resolved).any())
+    usable = known & resolved if leap_seconds_known else known
     # Epochs are whole milliseconds of GPS time; the message's UTC tells the clock's error too.
-    offset = round(float(np.nanmedian(utc - since)))
-    return since + offset, any(resolved)
+    offset = round(float(np.median((utc - since)[usable])))
+    return since + offset, leap_seconds_known
 
 
 def _utc(message: Any) -> float:
-    day = datetime(message.year, message.month, message.day, tzinfo=UTC).timestamp()
+    if not (message.validDate and message.validTime):
+        return math.nan
+    try:
+        day = datetime(message.year, message.month, message.day, tzinfo=UTC).timestamp()
+    except ValueError:
+        return math.nan
     seconds = 3600.0 * message.hour + 60.0 * message.min + message.second + 1e-9 * message.nano
     return day + float(seconds)
 
