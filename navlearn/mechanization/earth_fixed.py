@@ -53,11 +53,12 @@ def moved_in_earth_fixed_frame(
         Velocity (m/s) and way (m), shape (..., 3) each.
     """
     half = 0.5 * turn_of_earth
-    added = turned_back((C @ velocity.unsqueeze(-1)).squeeze(-1), half)
-    # a force that turns with the body moves it less or more than the trapezoid of velocity tells
-    bent = turned_back((C @ cross(rotation, velocity).unsqueeze(-1)).squeeze(-1), half)
-    after = turned_back(turned_back(v, turn_of_earth) + added + gravity * dt, turn_of_earth)
-    return after, dt * (0.5 * (v + after) - bent / 12.0)
+    added = (C @ velocity.unsqueeze(-1)).squeeze(-1)
+    # a force that turns against the Earth leads less or more far than the trapezoid of velocity
+    bent = (C @ cross(rotation, velocity).unsqueeze(-1)).squeeze(-1) - cross(turn_of_earth, added)
+    pushed = turned_back(v, turn_of_earth) + turned_back(added, half) + gravity * dt
+    after = turned_back(pushed, turn_of_earth)
+    return after, dt * (0.5 * (v + after) - turned_back(bent, half) / 12.0)
 
 
 def unit(quaternion: Tensor) -> Tensor:

@@ -11,28 +11,8 @@ from torch import Tensor
 from torch.autograd.function import FunctionCtx
 
 from navlearn.mechanization.quaternion_scan import Quaternion as Quaternion
+from navlearn.mechanization.quaternion_scan import product as product
 from navlearn.mechanization.quaternion_scan import scanned_products
-
-
-def product(left: Quaternion, right: Quaternion) -> Quaternion:
-    """Return the Hamilton product of quaternions whose components are separate tensors.
-
-    Args:
-        left: Scalar-first components, shape (...) each.
-        right: The same.
-
-    Returns:
-        left ⊗ right, shape (...) each.
-    """
-    a, b, c, d = left
-    e, f, g, h = right
-    more, less = torch.addcmul, _less
-    return (
-        less(less(less(a * e, b, f), c, g), d, h),
-        less(more(more(a * f, b, e), c, h), d, g),
-        more(more(less(a * g, b, h), c, e), d, f),
-        more(less(more(a * h, b, g), c, f), d, e),
-    )
 
 
 def quaternions_of(rotation: Tensor) -> Quaternion:
@@ -111,10 +91,6 @@ def _before(q: Quaternion) -> Quaternion:
     """Return the product before each sample, one before the first."""
     first = torch.ones_like(q[0][:, :1])
     return _of([torch.cat((first * (k == 0), x[:, :-1]), -1) for k, x in enumerate(q)])
-
-
-def _less(total: Tensor, left: Tensor, right: Tensor) -> Tensor:
-    return torch.addcmul(total, left, right, value=-1.0)
 
 
 def _tiny(like: Tensor) -> Tensor:

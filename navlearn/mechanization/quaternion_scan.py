@@ -17,6 +17,27 @@ FEW = 1024
 """Elements up to which doubling costs less than rows."""
 
 
+def product(left: Quaternion, right: Quaternion) -> Quaternion:
+    """Return the Hamilton product of quaternions whose components are separate tensors.
+
+    Args:
+        left: Scalar-first components, shape (...) each.
+        right: The same.
+
+    Returns:
+        left ⊗ right, shape (...) each.
+    """
+    a, b, c, d = left
+    e, f, g, h = right
+    more, less = torch.addcmul, _less
+    return (
+        less(less(less(a * e, b, f), c, g), d, h),
+        less(more(more(a * f, b, e), c, h), d, g),
+        more(more(less(a * g, b, h), c, e), d, f),
+        more(less(more(a * h, b, g), c, f), d, e),
+    )
+
+
 def scanned_products(turns: Quaternion) -> Quaternion:
     """Return the products q_1, q_1 q_2, … of each record.
 
@@ -35,10 +56,10 @@ def scanned_products(turns: Quaternion) -> Quaternion:
     laid = [_laid(x, rows, 1.0 if k == 0 else 0.0) for k, x in enumerate(turns)]
     inside = [_of([x[0] for x in laid])]
     for step in list(zip(*laid, strict=True))[1:]:
-        inside.append(_product(inside[-1], _of(step)))
+        inside.append(product(inside[-1], _of(step)))
     whole = scanned_products(inside[-1])
     before = _of([_shifted(x, 1.0 if k == 0 else 0.0) for k, x in enumerate(whole)])
-    joined = zip(*(_product(before, x) for x in inside), strict=True)
+    joined = zip(*(product(before, x) for x in inside), strict=True)
     return _of([torch.stack(x, -1).view(records, rows * ROW)[:, :n] for x in joined])
 
 
@@ -46,9 +67,7 @@ def _doubled(turns: Quaternion) -> Quaternion:
     """Form products over one, two, four, … neighbours."""
     reach, n = 1, turns[0].shape[-1]
     while reach < n:
-        later = _product(
-            _of([x[:, : n - reach] for x in turns]), _of([x[:, reach:] for x in turns])
-        )
+        later = product(_of([x[:, : n - reach] for x in turns]), _of([x[:, reach:] for x in turns]))
         turns = _of([torch.cat((x[:, :reach], y), -1) for x, y in zip(turns, later, strict=True)])
         reach *= 2
     return turns
@@ -69,16 +88,8 @@ def _shifted(channel: Tensor, fill: float) -> Tensor:
     return torch.nn.functional.pad(channel[:, :-1], (1, 0), value=fill)
 
 
-def _product(left: Quaternion, right: Quaternion) -> Quaternion:
-    """Return the Hamilton product; sums in place, so not for autograd."""
-    a, b, c, d = left
-    e, f, g, h = right
-    return (
-        (a * e).addcmul_(b, f, value=-1.0).addcmul_(c, g, value=-1.0).addcmul_(d, h, value=-1.0),
-        (a * f).addcmul_(b, e).addcmul_(c, h).addcmul_(d, g, value=-1.0),
-        (a * g).addcmul_(b, h, value=-1.0).addcmul_(c, e).addcmul_(d, f),
-        (a * h).addcmul_(b, g).addcmul_(c, f, value=-1.0).addcmul_(d, e),
-    )
+def _less(total: Tensor, left: Tensor, right: Tensor) -> Tensor:
+    return torch.addcmul(total, left, right, value=-1.0)
 
 
 def _of(parts: "list[Tensor] | tuple[Tensor, ...]") -> Quaternion:

@@ -100,12 +100,24 @@ def _pushed(chunk: Chunk, at_end: tuple[Tensor, Tensor]) -> Pushed:
     q = [x[:, :-1] for x in chunk.attitude]
     forces = _rotated(q, torch.stack((chunk.push, across), 1))
     added = turned(forces[:, 0], cos, sin)
-    lag = turned_back(forces[:, 1], cos, sin) * (dt * (-1.0 / 12.0))
+    lag = turned_back(_bent(forces, wgs84.EARTH_RATE * dt), cos, sin) * (dt * (-1.0 / 12.0))
     # twice the Earth's angle at the chunk's start
     angle = (2.0 * wgs84.EARTH_RATE) * (chunk.time[:, :1] - dt[:, :1])
     v_0 = turned(chunk.v, torch.cos(angle), torch.sin(angle))
     total = torch.cumsum(added, -1) + v_0
     return Pushed(total, lag, dt, _doubled(cos, sin), at_end)
+
+
+def _bent(forces: Tensor, turn_of_earth: Tensor) -> Tensor:
+    """Return how forces turn against the Earth; they turn by the body's rotation, less its own."""
+    (u_x, b_x), (u_y, b_y), (_, b_z) = (x.unbind(0) for x in forces.unbind(0))
+    return torch.stack(
+        (
+            torch.addcmul(b_x, turn_of_earth, u_y),
+            torch.addcmul(b_y, turn_of_earth, u_x, value=-1.0),
+            b_z,
+        )
+    )
 
 
 def _rotated(q: list[Tensor], vectors: Tensor) -> Tensor:

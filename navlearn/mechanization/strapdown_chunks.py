@@ -77,6 +77,8 @@ def pieces(dt: Tensor, count: int) -> Iterator[list[Piece]]:
         The chunks of some records.
     """
     records, length = dt.shape
+    if length == 0:
+        return
     size = max(-(-length // count), 1)
     many = max(CHUNK_ELEMENTS // size, 1)
     for row in range(0, records, many):

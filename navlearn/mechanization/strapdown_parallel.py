@@ -102,7 +102,7 @@ def local_level_over_time(
     whole = Chunk(r, v, torch.cumsum(flat, -1), flat, turn, push, *attitude, lon)
     place, v_l, q_lb = solve(whole) if gradient == "recompute" else move_chunk(whole, False)[:3]
     lat, lon, height = (x.reshape(shape) for x in place.unbind(0))
-    v_l, q_lb = (x.reshape(-1, *shape).movedim(0, -1) for x in (v_l, q_lb))
+    v_l, q_lb = (x.reshape(len(x), *shape).movedim(0, -1) for x in (v_l, q_lb))
     return InsState(lat, lon, height, v_l, q_lb)
 
 
