@@ -17,6 +17,10 @@ SMALLEST = {
         *("--duration", "60"),
     ],
     "ins_standstill": ["--logs", "kitti_0034"],
+    "ins_ekf": [
+        *("--minutes", "1", "--window", "5", "--count", "2", "--short", "2", "--states", "15"),
+        *("--repeats", "1"),
+    ],
     "mechanization": ["--repeats", "1", "--loop-samples", "100"],
     "pci": ["--repeats", "1", "--windows", "2", "--draws", "2", "--rows", "100", "--seeds", "1"],
     "predictor": ["--rows", "20", "--repeats", "1"],
@@ -31,6 +35,10 @@ SMALLEST = {
     "smoothing": [
         *("--grades", "mems_m", "--seeds", "11", "--outages", "1x30"),
         *("--steps", "50", "--repeats", "1"),
+    ],
+    "strapdown": [
+        *("--repeats", "1", "--samples", "4000", "--loop-samples", "30"),
+        *("--drift-minutes", "0.2", "--compare-minutes", "0.2"),
     ],
     "simulator": ["--hours", "0.05"],
 }
