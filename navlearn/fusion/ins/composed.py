@@ -8,17 +8,12 @@ closed form: there the transitions of all samples are found together and multipl
 import torch
 from torch import Tensor
 
-from navlearn.filters.ekf import propagated, symmetrized
+from navlearn.filters.ekf import propagated
 from navlearn.filters.ins_belief import InsBelief
 from navlearn.fusion.ins.error_dynamics import motion_between
 from navlearn.fusion.ins.layout import imu_corrected, imu_errors
-from navlearn.fusion.ins.model import (
-    InsFilterModel,
-    advanced_sensor,
-    diffusion,
-    discretized,
-    dynamics,
-)
+from navlearn.fusion.ins.linear_steps import composed, discretized
+from navlearn.fusion.ins.model import InsFilterModel, advanced_sensor, diffusion, dynamics
 from navlearn.fusion.ins.noise import InsNoise, walks
 from navlearn.fusion.ins.path import path_over_samples, states_before
 from navlearn.fusion.ins.recursion import InsCarried
@@ -148,26 +143,3 @@ def by_product(
     along = point.state.lat.dim()
     end = InsState(*(channel.select(along, -1) for channel in ends))
     return end, *composed(transition, q)
-
-
-def composed(transition: Tensor, noise: Tensor) -> tuple[Tensor, Tensor]:
-    """Return transition and noise of a sequence of linear steps, composed pair by pair.
-
-    Args:
-        transition: Φ of each step, shape (..., n, N, N).
-        noise: Q of each step, shape (..., n, N, N).
-
-    Returns:
-        Φ and Q of all of them, shape (..., N, N) each.
-    """
-    while transition.shape[-3] > 1:
-        odd = transition.shape[-3] % 2
-        first, second = transition[..., odd::2, :, :], transition[..., odd + 1 :: 2, :, :]
-        q_1, q_2 = noise[..., odd::2, :, :], noise[..., odd + 1 :: 2, :, :]
-        joined = second @ first
-        q = symmetrized(second @ q_1 @ second.transpose(-1, -2) + q_2)
-        if odd:
-            joined = torch.cat((transition[..., :1, :, :], joined), -3)
-            q = torch.cat((noise[..., :1, :, :], q), -3)
-        transition, noise = joined, q
-    return transition.squeeze(-3), noise.squeeze(-3)

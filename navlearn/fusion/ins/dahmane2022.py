@@ -9,47 +9,43 @@ truth. As in Table 1, with Q_d = G Q Gᵀ Δt.
 """
 
 import math
-from typing import Final
 
 import torch
 from torch import Tensor
 
 from navlearn import earth
-from navlearn.fusion.ins.error_dynamics import Motion, skew, with_sensors
-from navlearn.fusion.ins.layout import ImuErrors, InsLayout
+from navlearn.fusion.ins.error_dynamics import Motion, skew
 
-EARTH_RADIUS: Final = 6372795.5
+EARTH_RADIUS: float = 6372795.5
 """R_e, m."""
 
-VERTICAL_TIME: Final = math.sqrt(EARTH_RADIUS / (2.0 * 9.80665))
+VERTICAL_TIME: float = math.sqrt(EARTH_RADIUS / (2.0 * 9.80665))
 """τ_D = √(R/2g), s; printed as 520 s, it is 570 s."""
 
 
 def dahmane2022_dynamics(
-    layout: InsLayout, motion: Motion, errors: ImuErrors, tau: float
+    motion: Motion, radius: float = EARTH_RADIUS, vertical_time: float = VERTICAL_TIME
 ) -> Tensor:
-    """Return F of the simplified model; with 9 states it is that of the paper.
+    """Return F of position, velocity and attitude errors in the simplified model; scriptable.
 
     [Dahmane2022] Eq. (6) to (15).
 
     Args:
-        layout: Order of the error states.
         motion: Motion, batch shape (...).
-        errors: Sensor parameters, batch shape (...).
-        tau: Correlation time of the biases, s; infinite for random walks.
+        radius: Of the Earth, m.
+        vertical_time: τ_D, s.
 
     Returns:
-        F, 1/s, shape (..., n, n).
+        F, 1/s, shape (..., 9, 9).
     """
     rate = earth.earth_rate_enu(motion.lat)
     force = (motion.C_lb @ motion.f_b.unsqueeze(-1)).squeeze(-1)
-    core = motion.lat.new_zeros((*motion.lat.shape, 9, 9))
-    eye = torch.eye(3, dtype=core.dtype, device=core.device)
-    core[..., 0:3, 3:6] = eye
-    core[..., 5, 2] = 1.0 / VERTICAL_TIME**2
-    core[..., 3:6, 3:6] = -2.0 * skew(rate)
-    core[..., 3:6, 6:9] = -skew(force)
-    core[..., 6, 4] = 1.0 / EARTH_RADIUS
-    core[..., 7, 3] = -1.0 / EARTH_RADIUS
-    core[..., 6:9, 6:9] = -skew(rate)
-    return with_sensors(layout, core, motion, errors, tau)
+    zero = torch.zeros_like(motion.C_lb)
+    eye = torch.eye(3, dtype=zero.dtype, device=zero.device)
+    fall, level = torch.zeros_like(eye), torch.zeros_like(eye)
+    fall[2, 2] = 1.0 / (vertical_time * vertical_time)
+    level[0, 1], level[1, 0] = 1.0 / radius, -1.0 / radius
+    top = torch.cat((zero, eye.expand_as(zero), zero), -1)
+    middle = torch.cat((fall.expand_as(zero), -2.0 * skew(rate), -skew(force)), -1)
+    low = torch.cat((zero, level.expand_as(zero), -skew(rate)), -1)
+    return torch.cat((top, middle, low), -2)

@@ -16,7 +16,7 @@ from torch import Tensor
 
 from navlearn import earth, wgs84
 from navlearn.attitude import matrix_from_quaternion
-from navlearn.fusion.ins.layout import ImuErrors, InsLayout
+from navlearn.fusion.ins.imu_errors import ImuErrors, SensorStates
 from navlearn.states import InsState
 
 
@@ -41,7 +41,7 @@ class Motion(NamedTuple):
 
 
 def motion_between(before: InsState, after: InsState, omega: Tensor, force: Tensor) -> Motion:
-    """Return the motion in the middle of an interval.
+    """Return the motion in the middle of an interval; scriptable.
 
     Args:
         before: State at its start, batch shape (...).
@@ -53,9 +53,10 @@ def motion_between(before: InsState, after: InsState, omega: Tensor, force: Tens
         Motion.
     """
     # q and −q are one attitude
-    sign = torch.where((before.q_lb * after.q_lb).sum(-1, keepdim=True) < 0.0, -1.0, 1.0)
-    middle = before.q_lb + sign * after.q_lb
-    C_lb = matrix_from_quaternion(middle / middle.norm(dim=-1, keepdim=True))
+    along = (before.q_lb * after.q_lb).sum(-1, keepdim=True)
+    middle = torch.where(along < 0.0, before.q_lb - after.q_lb, before.q_lb + after.q_lb)
+    length = torch.sqrt((middle * middle).sum(-1, keepdim=True))
+    C_lb = matrix_from_quaternion(middle / length)
     return Motion(
         0.5 * (before.lat + after.lat),
         0.5 * (before.height + after.height),
@@ -77,21 +78,17 @@ def skew(vector: Tensor) -> Tensor:
     """
     x, y, z = vector.unbind(-1)
     zero = torch.zeros_like(x)
-    rows = ((zero, -z, y), (z, zero, -x), (-y, x, zero))
-    return torch.stack([torch.stack(row, -1) for row in rows], -2)
+    return _matrix([[zero, -z, y], [z, zero, -x], [-y, x, zero]])
 
 
-def phi_angle_dynamics(layout: InsLayout, motion: Motion, errors: ImuErrors, tau: float) -> Tensor:
-    """Return F of the complete φ-angle model.
+def phi_angle_dynamics(motion: Motion) -> Tensor:
+    """Return F of position, velocity and attitude errors in the complete φ-angle model; scriptable.
 
     Args:
-        layout: Order of the error states.
         motion: Motion, batch shape (...).
-        errors: Sensor parameters, batch shape (...).
-        tau: Correlation time of the biases, s; infinite for random walks.
 
     Returns:
-        F, 1/s, shape (..., n, n).
+        F, 1/s, shape (..., 9, 9).
     """
     r_m = earth.meridian_radius(motion.lat) + motion.height
     r_n = earth.prime_vertical_radius(motion.lat) + motion.height
@@ -100,75 +97,79 @@ def phi_angle_dynamics(layout: InsLayout, motion: Motion, errors: ImuErrors, tau
     zero = torch.zeros_like(tan)
     rate_ie = earth.earth_rate_enu(motion.lat)
     rate_el = torch.stack((-v_n / r_m, v_e / r_n, v_e * tan / r_n), -1)
-    # δω_ie and δω_el by position and velocity errors
+    # δω_el by velocity errors, δω_el and δω_ie by position errors
     by_velocity = _matrix(
-        ((zero, -1.0 / r_m, zero), (1.0 / r_n, zero, zero), (tan / r_n, zero, zero))
+        [[zero, -1.0 / r_m, zero], [1.0 / r_n, zero, zero], [tan / r_n, zero, zero]]
     )
     bend = v_e * (1.0 + tan * tan) / (r_n * r_m)
-    by_position = _matrix(
-        (
-            (zero, zero, v_n / (r_m * r_m)),
-            (zero, zero, -v_e / (r_n * r_n)),
-            (zero, bend, -v_e * tan / (r_n * r_n)),
-        )
+    of_level = _matrix(
+        [
+            [zero, zero, v_n / (r_m * r_m)],
+            [zero, zero, -v_e / (r_n * r_n)],
+            [zero, bend, -v_e * tan / (r_n * r_n)],
+        ]
     )
-    turned = _matrix(
-        (
-            (zero, zero, zero),
-            (zero, -rate_ie[..., 2] / r_m, zero),
-            (zero, rate_ie[..., 1] / r_m, zero),
-        )
+    of_earth = _matrix(
+        [
+            [zero, zero, zero],
+            [zero, -rate_ie[..., 2] / r_m, zero],
+            [zero, rate_ie[..., 1] / r_m, zero],
+        ]
     )
-    gravity = torch.zeros_like(by_position)
-    gravity[..., 2, 2] = gravity_gradient(motion.lat, motion.height)
+    fall = gravity_gradient(motion.lat, motion.height)
+    gravity = torch.diag_embed(torch.stack((zero, zero, fall), -1))
     across = skew(motion.v_l)
     metres = _matrix(
-        (
-            (v_u / r_n - v_n * tan / r_m, v_e * tan / r_m, -v_e / r_n),
-            (zero, v_u / r_m, -v_n / r_m),
-            (zero, zero, zero),
-        )
+        [
+            [v_u / r_n - v_n * tan / r_m, v_e * tan / r_m, -v_e / r_n],
+            [zero, v_u / r_m, -v_n / r_m],
+            [zero, zero, zero],
+        ]
     )
     eye = torch.eye(3, dtype=tan.dtype, device=tan.device).expand_as(metres)
-    top = (metres, eye, torch.zeros_like(metres))
-    middle = (
-        across @ (2.0 * turned + by_position) + gravity,
-        across @ by_velocity - skew(2.0 * rate_ie + rate_el),
-        -skew(_times(motion.C_lb, motion.f_b)),
-    )
-    low = (-turned - by_position, -by_velocity, -skew(rate_ie + rate_el))
-    return with_sensors(layout, _blocks((top, middle, low)), motion, errors, tau)
+    force = (motion.C_lb @ motion.f_b.unsqueeze(-1)).squeeze(-1)
+    top = torch.cat((metres, eye, torch.zeros_like(metres)), -1)
+    pushed = across @ (2.0 * of_earth + of_level) + gravity
+    turned = across @ by_velocity - skew(2.0 * rate_ie + rate_el)
+    middle = torch.cat((pushed, turned, -skew(force)), -1)
+    low = torch.cat((-of_earth - of_level, -by_velocity, -skew(rate_ie + rate_el)), -1)
+    return torch.cat((top, middle, low), -2)
 
 
 def with_sensors(
-    layout: InsLayout, core: Tensor, motion: Motion, errors: ImuErrors, tau: float
+    core: Tensor, motion: Motion, errors: ImuErrors, has: SensorStates, tau: float
 ) -> Tensor:
-    """Return F of navigation and sensor errors from that of navigation errors.
+    """Return F of navigation and sensor errors from that of navigation errors; scriptable.
 
     Too large a bias or scale makes the corrected rate and force too small, hence the signs.
 
     Args:
-        layout: Order of the error states.
         core: F of position, velocity and attitude errors, shape (..., 9, 9).
         motion: Motion, batch shape (...).
         errors: Sensor parameters, batch shape (...).
+        has: Which sensor errors are states.
         tau: Correlation time of the biases, s; infinite for random walks.
 
     Returns:
         F, shape (..., n, n).
     """
-    n = layout.size
-    F = torch.nn.functional.pad(core, (0, n - 9, 0, n - 9))
-    if layout.has_bias:
-        gyro = motion.C_lb / errors.gyro_gain.unsqueeze(-2)
-        accel = motion.C_lb / errors.accel_gain.unsqueeze(-2)
-        F[..., 6:9, 9:12] = -gyro
-        F[..., 3:6, 12:15] = -accel
-        if layout.has_scale:
-            F[..., 6:9, 15:18] = -gyro * motion.omega_ib_b.unsqueeze(-2)
-            F[..., 3:6, 18:21] = -accel * motion.f_b.unsqueeze(-2)
-        F.diagonal(dim1=-2, dim2=-1)[..., 9:15] = -1.0 / tau
-    return F
+    size = 12 * int(has.scale) + 6 * int(has.bias and not has.scale) + int(has.odometer_scale)
+    F = torch.nn.functional.pad(core, [0, size, 0, size])
+    if not has.bias:
+        return F
+    gyro = motion.C_lb / errors.gyro_gain.unsqueeze(-2)
+    accel = motion.C_lb / errors.accel_gain.unsqueeze(-2)
+    none = torch.zeros_like(gyro)
+    in_velocity, in_attitude = [none, -accel], [-gyro, none]
+    if has.scale:
+        in_velocity += [none, -accel * motion.f_b.unsqueeze(-2)]
+        in_attitude += [-gyro * motion.omega_ib_b.unsqueeze(-2), none]
+    by_sensor = torch.cat((torch.cat(in_velocity, -1), torch.cat(in_attitude, -1)), -2)
+    known = by_sensor.shape[-1]
+    F = F + torch.nn.functional.pad(by_sensor, [9, size - known, 3, size])
+    decay = torch.full_like(motion.v_l, -1.0 / tau)
+    diagonal = torch.nn.functional.pad(torch.cat((decay, decay), -1), [9, size - 6])
+    return F + torch.diag_embed(diagonal)
 
 
 def gravity_gradient(lat: Tensor, height: Tensor) -> Tensor:
@@ -189,13 +190,5 @@ def gravity_gradient(lat: Tensor, height: Tensor) -> Tensor:
     return 2.0 * surface / wgs84.SEMI_MAJOR_AXIS * (slope - 3.0 * height / wgs84.SEMI_MAJOR_AXIS)
 
 
-def _matrix(rows: tuple[tuple[Tensor, ...], ...]) -> Tensor:
+def _matrix(rows: list[list[Tensor]]) -> Tensor:
     return torch.stack([torch.stack(row, -1) for row in rows], -2)
-
-
-def _blocks(rows: tuple[tuple[Tensor, ...], ...]) -> Tensor:
-    return torch.cat([torch.cat(row, -1) for row in rows], -2)
-
-
-def _times(matrix: Tensor, vector: Tensor) -> Tensor:
-    return (matrix @ vector.unsqueeze(-1)).squeeze(-1)

@@ -5,7 +5,7 @@ north, up in Ĉ_lb = (I + [φ×]) C_lb; then sensor parameters. An azimuth error
 """
 
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Final
 
 import torch
 from torch import Tensor
@@ -13,6 +13,8 @@ from torch import Tensor
 from navlearn.attitude import quaternion_from_rotation_vector, quaternion_multiply
 from navlearn.filters.ins_belief import InsBelief
 from navlearn.frames import enu_between, shift_geodetic
+from navlearn.fusion.ins.imu_errors import ImuErrors, SensorStates, errors_of
+from navlearn.fusion.ins.imu_errors import imu_corrected as imu_corrected
 from navlearn.fusion.ins.options import InsEkfOptions
 from navlearn.states import InsState
 
@@ -62,6 +64,11 @@ class InsLayout:
         """Whether gyro and accelerometer scale factors are states."""
         return self.states >= 21
 
+    @property
+    def sensor_states(self) -> SensorStates:
+        """Which sensor errors are states."""
+        return SensorStates(self.has_bias, self.has_scale, self.odometer_scale)
+
     def of(self, group: str) -> list[int]:
         """Return the places of a group (``gyro_bias``) or of one error (``gyro_bias_x``)."""
         return [k for k, n in enumerate(self.names) if n == group or n[:-2] == group]
@@ -82,24 +89,6 @@ def ins_layout(options: InsEkfOptions) -> InsLayout:
     return InsLayout(tuple(names), options.states, options.has_odometer_scale)
 
 
-class ImuErrors(NamedTuple):
-    """The sensor parameters of a belief as vectors, neutral where they are no states.
-
-    Attributes:
-        gyro_bias: rad/s, shape (..., 3).
-        accel_bias: m/s², shape (..., 3).
-        gyro_gain: 1 + scale error, shape (..., 3).
-        accel_gain: 1 + scale error, shape (..., 3).
-        odometer_gain: 1 + scale error, shape (...).
-    """
-
-    gyro_bias: Tensor
-    accel_bias: Tensor
-    gyro_gain: Tensor
-    accel_gain: Tensor
-    odometer_gain: Tensor
-
-
 def imu_errors(layout: InsLayout, sensor: Tensor) -> ImuErrors:
     """Return the sensor parameters of a belief taken apart.
 
@@ -107,26 +96,7 @@ def imu_errors(layout: InsLayout, sensor: Tensor) -> ImuErrors:
         layout: Order of the error states.
         sensor: Sensor parameters, shape (..., m).
     """
-    none = sensor.new_zeros((*sensor.shape[:-1], 3))
-    return ImuErrors(
-        sensor[..., 0:3] if layout.has_bias else none,
-        sensor[..., 3:6] if layout.has_bias else none,
-        1.0 + (sensor[..., 6:9] if layout.has_scale else none),
-        1.0 + (sensor[..., 9:12] if layout.has_scale else none),
-        1.0 + (sensor[..., -1] if layout.odometer_scale else none[..., 0]),
-    )
-
-
-def imu_corrected(errors: ImuErrors, omega_ib_b: Tensor, f_b: Tensor) -> tuple[Tensor, Tensor]:
-    """Return angular rate and specific force without the sensors' errors.
-
-    Args:
-        errors: Sensor parameters.
-        omega_ib_b: Measured angular rate, rad/s, shape (..., 3).
-        f_b: Measured specific force, m/s², shape (..., 3).
-    """
-    omega = (omega_ib_b - errors.gyro_bias) / errors.gyro_gain
-    return omega, (f_b - errors.accel_bias) / errors.accel_gain
+    return errors_of(sensor, layout.sensor_states)
 
 
 def moved_state(state: InsState, correction: Tensor) -> InsState:

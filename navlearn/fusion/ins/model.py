@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 
-import torch
 from torch import Tensor
 
 from navlearn.filters.consistency import chi_square_quantile
@@ -10,9 +9,11 @@ from navlearn.fusion.ins.dahmane2022 import dahmane2022_dynamics
 from navlearn.fusion.ins.error_dynamics import Motion, phi_angle_dynamics, with_sensors
 from navlearn.fusion.ins.imu_errors import ImuErrors
 from navlearn.fusion.ins.layout import InsLayout, ins_layout
+from navlearn.fusion.ins.linear_steps import density_of
 from navlearn.fusion.ins.measurements import InsKind, ins_rows
-from navlearn.fusion.ins.noise import InsNoise, walks
+from navlearn.fusion.ins.noise import InsNoise, walks, white_noise
 from navlearn.fusion.ins.options import InsEkfOptions
+from navlearn.fusion.ins.sample_step import decayed
 from navlearn.fusion.measurements import Rows
 from navlearn.fusion.options import GateOptions
 
@@ -96,10 +97,7 @@ def advanced_sensor(model: InsFilterModel, sensor: Tensor, dt: Tensor) -> Tensor
     Returns:
         Sensor parameters, shape (..., m).
     """
-    if model.options.correlation_time == float("inf") or not model.layout.has_bias:
-        return sensor
-    left = torch.exp(-dt / model.options.correlation_time).unsqueeze(-1)
-    return torch.cat((sensor[..., :6] * left, sensor[..., 6:]), -1)
+    return decayed(sensor, model.layout.sensor_states, model.options.correlation_time, dt)
 
 
 def diffusion(layout: InsLayout, omega_ib_b: Tensor, noise: InsNoise) -> Tensor:
@@ -113,55 +111,4 @@ def diffusion(layout: InsLayout, omega_ib_b: Tensor, noise: InsNoise) -> Tensor:
     Returns:
         Density per error state, its unit squared per second, shape (..., n).
     """
-    return density_of(
-        omega_ib_b,
-        noise.gyro_random_walk,
-        noise.accel_random_walk,
-        noise.turn_noise,
-        walks(layout, noise),
-    )
-
-
-def density_of(
-    omega_ib_b: Tensor, gyro_walk: Tensor, accel_walk: Tensor, turn_noise: Tensor, walks: Tensor
-) -> Tensor:
-    """Return the same of its entries; scriptable.
-
-    White noise of three like axes has no direction, so the attitude does not matter.
-
-    Args:
-        omega_ib_b: Angular rate, rad/s, shape (..., 3).
-        gyro_walk: Angle random walk, rad/√s, shape ().
-        accel_walk: Velocity random walk, m/s/√s, shape ().
-        turn_noise: What turning adds, √s, shape ().
-        walks: Random walk of each sensor parameter, shape (m,).
-
-    Returns:
-        Density per error state, shape (..., 9 + m).
-    """
-    turn = (omega_ib_b * omega_ib_b).sum(-1, keepdim=True)
-    one = torch.ones_like(omega_ib_b)
-    gyro = one * (gyro_walk**2 + turn_noise**2 * turn)
-    parts = [torch.zeros_like(one), accel_walk**2 * one, gyro]
-    return torch.cat(parts + [one[..., :1] * walks**2], -1)
-
-
-def discretized(dynamics: Tensor, density: Tensor, dt: Tensor) -> tuple[Tensor, Tensor]:
-    """Return transition and process noise of a short interval; scriptable.
-
-    The exponential to second order and Q = ½ (Φ Qc Φᵀ + Qc) Δt, which differ from Van Loan's by
-    the third order of F Δt. [Groves2013] Eq. (3.23), (3.46).
-
-    Args:
-        dynamics: F, 1/s, shape (..., n, n).
-        density: Diagonal of Qc, shape (..., n).
-        dt: Length of the interval, s, shape (...).
-
-    Returns:
-        Φ and Q, shape (..., n, n) each.
-    """
-    step = dynamics * dt.unsqueeze(-1).unsqueeze(-1)
-    eye = torch.eye(step.shape[-1], dtype=step.dtype, device=step.device)
-    transition = eye + step + 0.5 * (step @ step)
-    half = torch.diag_embed(0.5 * density * dt.unsqueeze(-1))
-    return transition, half + transition @ half @ transition.transpose(-1, -2)
+    return density_of(omega_ib_b, white_noise(noise), walks(layout, noise))

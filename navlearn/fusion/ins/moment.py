@@ -9,7 +9,8 @@ from navlearn import earth
 from navlearn.attitude import matrix_from_quaternion
 from navlearn.filters.ins_belief import InsBelief
 from navlearn.fusion.ins.error_dynamics import skew as skew_of
-from navlearn.fusion.ins.layout import ImuErrors, InsLayout, imu_corrected, imu_errors
+from navlearn.fusion.ins.imu_errors import ImuErrors, imu_corrected
+from navlearn.fusion.ins.layout import InsLayout, imu_errors
 from navlearn.fusion.ins.model import InsFilterModel
 from navlearn.states import ImuSample
 

@@ -74,3 +74,8 @@ def walks(layout: InsLayout, noise: InsNoise) -> Tensor:
     if layout.odometer_scale:
         chosen.append(noise.odometer_scale_walk)
     return torch.stack(chosen) if chosen else noise.gyro_bias_walk.new_zeros(0)
+
+
+def white_noise(noise: InsNoise) -> Tensor:
+    """Return angle random walk, velocity random walk and turn noise, shape (3,)."""
+    return torch.stack((noise.gyro_random_walk, noise.accel_random_walk, noise.turn_noise))

@@ -7,21 +7,12 @@ Updates happen where the block forms have them.
 import torch
 from torch import Tensor
 
-from navlearn.filters.ekf import propagated
 from navlearn.filters.ins_belief import InsBelief
-from navlearn.fusion.ins.error_dynamics import motion_between
-from navlearn.fusion.ins.layout import imu_corrected, imu_errors, moved_state
-from navlearn.fusion.ins.model import (
-    InsFilterModel,
-    advanced_sensor,
-    diffusion,
-    discretized,
-    dynamics,
-)
-from navlearn.fusion.ins.noise import InsNoise
+from navlearn.fusion.ins.layout import moved_state
+from navlearn.fusion.ins.model import InsFilterModel
+from navlearn.fusion.ins.noise import InsNoise, walks, white_noise
 from navlearn.fusion.ins.recursion import InsCarried
-from navlearn.mechanization.coning import coning_sculling_step
-from navlearn.mechanization.strapdown import local_level_step
+from navlearn.fusion.ins.sample_step import sample_step
 from navlearn.states import ImuSample, InsState
 
 
@@ -39,17 +30,15 @@ def predict_ins_sample(
     Returns:
         Belief after the interval, and its transition Φ.
     """
-    errors = imu_errors(model.layout, belief.sensor)
-    omega, force = imu_corrected(errors, sample.omega_ib_b, sample.f_b)
-    rotation, velocity = coning_sculling_step(omega, force, sample.dt)
-    state = local_level_step(belief.state, rotation, velocity, sample.dt)
-    F = dynamics(model, motion_between(belief.state, state, omega, force), errors)
-    transition, q = discretized(F, diffusion(model.layout, omega, noise), sample.dt)
-    return belief._replace(
-        state=state,
-        sensor=advanced_sensor(model, belief.sensor, sample.dt),
-        covariance=propagated(belief.covariance, transition, q),
-    ), transition
+    return sample_step(
+        belief,
+        sample,
+        model.layout.sensor_states,
+        model.options.model == "dahmane2022",
+        model.options.correlation_time,
+        white_noise(noise),
+        walks(model.layout, noise),
+    )
 
 
 def predict_ins_in_turn(

@@ -18,8 +18,9 @@ from navlearn.fusion.ins.layout import (
     moved_state,
     state_difference,
 )
+from navlearn.fusion.ins.linear_steps import discretized
 from navlearn.fusion.ins.measurements import InsKind
-from navlearn.fusion.ins.model import diffusion, discretized, dynamics, ins_filter_model
+from navlearn.fusion.ins.model import diffusion, dynamics, ins_filter_model
 from navlearn.fusion.ins.noise import ins_noise_from_log, log_ins_noise
 from navlearn.fusion.ins.options import InsEkfOptions, InsNoiseOptions
 from navlearn.fusion.ins.path import path_over_samples
