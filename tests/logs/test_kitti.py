@@ -10,6 +10,7 @@ from navlearn.frames import enu_between
 from navlearn.logs.formats.kitti import VALUES
 from navlearn.logs.quality import check_log
 from navlearn.logs.reading import read_log
+from navlearn.logs.reference import reference_at
 
 DATASETS = Path(__file__).resolve().parents[2] / "datasets"
 DRIVES = ("0018", "0020", "0027", "0028", "0033", "0034", "0042")
@@ -147,6 +148,33 @@ def test_published_drives_in_local_metres(name, data_folder):
         scale = (step.numpy()[fair] @ told[fair]) / (told[fair] @ told[fair])
         assert scale == pytest.approx(1.0, abs=1e-3 if velocity == "v_e" else 4e-3)
     assert np.diff(log.imu["t"].iloc[:3]).max() < 0.02
+
+
+def test_local_metres_written_as_published_text_come_back(data_folder, tmp_path):
+    """The two forms of KITTI share axes, angles and clock, whatever map lies between them."""
+    data_folder("kitti_oxts")
+    log = read_log(DATASETS / "kitti_0033.yaml").between(20.0, 30.0)
+    rows = reference_at(log, log.imu["t"].to_numpy()).assign(**log.imu.drop(columns="t")).dropna()
+    oxts = tmp_path / "drive" / "oxts"
+    (oxts / "data").mkdir(parents=True)
+    start = np.datetime64("2011-09-30T12:00:00", "ns")
+    stamps = [str(start + np.timedelta64(round(1e9 * t), "ns")) for t in rows["t"]]
+    (oxts / "timestamps.txt").write_text("\n".join(s.replace("T", " ") for s in stamps))
+    for k, row in enumerate(rows.to_dict("records")):
+        text = sample(
+            lat=math.degrees(row["lat"]), lon=math.degrees(row["lon"]), alt=row["height"],
+            ve=row["v_e"], vn=row["v_n"], vu=row["v_u"], yaw=math.pi / 2 - row["azimuth"],
+            pitch=-row["pitch"], roll=row["roll"],
+            wx=row["gyro_y"], wy=-row["gyro_x"], wz=row["gyro_z"],
+            ax=row["accel_y"], ay=-row["accel_x"], az=row["accel_z"],
+        )  # fmt: skip
+        (oxts / "data" / f"{k:010d}.txt").write_text(text)
+    back = read_log(oxts)
+    np.testing.assert_allclose(back.imu["t"], rows["t"] - rows["t"].iloc[0], atol=1e-8)
+    for name in log.imu.columns.drop("t"):
+        np.testing.assert_allclose(back.imu[name], rows[name], rtol=1e-13, atol=1e-15)
+    for name in log.reference.columns.drop("t"):
+        np.testing.assert_allclose(back.reference[name], rows[name], rtol=1e-12, atol=1e-12)
 
 
 def test_check_of_a_published_drive(data_folder):

@@ -216,6 +216,19 @@ def test_velocities_that_are_not_known(folder):
     assert found[["std_e", "std_v"]].isna().iloc[3].all()
 
 
+def test_fixes_that_the_phone_had_in_store(folder):
+    home = folder()
+    fixes = pd.read_csv(home / "Location.csv")
+    old, again = fixes.iloc[[0]].copy(), fixes.iloc[[7]]
+    old["time"] -= 600 * 10**9
+    pd.concat([old, fixes.iloc[:8], again, fixes.iloc[8:]]).to_csv(
+        home / "Location.csv", index=False
+    )
+    log = read_log(home)
+    assert len(log.fixes) == len(fixes)
+    assert log.metadata.extra["stale_fixes"] == 2
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [

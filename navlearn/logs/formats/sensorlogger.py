@@ -42,6 +42,7 @@ _FORCES: Final = tuple(f"accel_{axis}" for axis in _AXES)
 _PLACE: Final = ("latitude", "longitude")
 _MERGED: Final = ("time", *_PLACE, *_GYROS)
 _LEAST_GRAVITY: Final = 5.0
+_MARGIN: Final = 2.0
 
 
 def read_sensorlogger(path: Path, descriptor: Descriptor) -> Published:
@@ -60,15 +61,17 @@ def read_sensorlogger(path: Path, descriptor: Descriptor) -> Published:
     """
     merged = path.is_file()
     imu, fixes, files = _merged(path) if merged else _folder(path)
+    told = len(fixes)
+    fixes = _of_this_drive(imu, fixes)
     if len(imu) < 2 or fixes.empty:
         raise LogError(
             f"{files['imu']}: {len(imu)} rows with gyro and acceleration, {len(fixes)} with a fix; "
             "check that the file was written to its end"
         )
-    extra: dict[str, object] = {}
+    extra: dict[str, object] = {"stale_fixes": told - len(fixes)} if told > len(fixes) else {}
     if descriptor.axes is None:
         mounting = find_mounting(imu, fixes)
-        extra = {"mounting": mounting.in_words()}
+        extra["mounting"] = mounting.in_words()
         imu = _mounted(imu, mounting, path)
         sign = mounting.turn_sign
     else:
@@ -178,6 +181,15 @@ def _force(
     if size >= _LEAST_GRAVITY or gravity is None:
         return {f"accel_{axis}": acc[axis] for axis in _AXES}
     return {f"accel_{axis}": acc[axis] + gravity[axis] for axis in _AXES}
+
+
+def _of_this_drive(imu: pd.DataFrame, fixes: pd.DataFrame) -> pd.DataFrame:
+    """Return the fixes without those that a phone had in store, or tells twice."""
+    if imu.empty:
+        return fixes
+    first, last = imu["t"].iloc[0] - _MARGIN, imu["t"].iloc[-1] + _MARGIN
+    fixes = fixes[fixes["t"].between(first, last) | fixes["t"].isna()]
+    return fixes[~fixes["t"].duplicated()].reset_index(drop=True)
 
 
 def _mounted(imu: pd.DataFrame, mounting: PhoneMounting, path: Path) -> pd.DataFrame:
