@@ -15,6 +15,7 @@ from torch import Tensor
 
 from navlearn.errors import ShapeError
 from navlearn.filters.ekf import symmetrized
+from navlearn.filters.observability import signed_columns
 
 
 class NormalizedCovariance(NamedTuple):
@@ -92,10 +93,9 @@ def degree_of_observability(normalized: NormalizedCovariance) -> Degree:
     """
     values, vectors = torch.linalg.eigh(normalized.against_start)
     values = values.clamp(min=0.0)  # rounding may leave the smallest a little below
-    place = vectors.abs().argmax(-2, keepdim=True)
-    vectors = vectors * torch.sign(torch.gather(vectors, -2, place))
     n = values.shape[-1]
-    return Degree(values, values * (n / values.sum(-1, keepdim=True)), vectors)
+    share = values * (n / values.sum(-1, keepdim=True))
+    return Degree(values, share, signed_columns(vectors))
 
 
 def main_components(

@@ -29,8 +29,8 @@ class Observed(NamedTuple):
         rank: Directions that show at all: singular values above the tolerance, int64, shape (...).
         singular_values: Deviations of measurement that one initial deviation in a direction shows
             as, descending, shape (..., n).
-        directions: Unit vectors in initial deviations, one column per singular value, shape
-            (..., n, n). The columns from ``rank`` on span what is unobservable.
+        directions: Unit vectors in initial deviations, one column per singular value, the largest
+            component positive, shape (..., n, n). The columns from ``rank`` on span what is unobservable.
         left: What measurements without process noise leave of the initial deviation in each
             direction, in (0, 1], shape (..., n).
     """

@@ -146,9 +146,10 @@ def conclusions(record: ObservabilityRecord, outages: Sequence[Outage]) -> list[
     )
     if any(name.startswith("accel_bias") for name in record.names):
         out.append(
-            "**Horizontal accelerometer biases** hide behind roll and pitch until the car turns: "
-            "where such a bias and a tilt stand together in the least observed direction, only "
-            "their combination is known, which serves as long as the car keeps its heading."
+            "**Horizontal accelerometer biases** hide behind roll and pitch until the car goes "
+            "into or out of a curve: where such a bias and a tilt stand together in the least "
+            "observed direction, only their combination is known, which serves as long as the car "
+            "keeps its heading."
         )
     return out
 
