@@ -30,7 +30,8 @@ class Observed(NamedTuple):
         singular_values: Deviations of measurement that one initial deviation in a direction shows
             as, descending, shape (..., n).
         directions: Unit vectors in initial deviations, one column per singular value, the largest
-            component positive, shape (..., n, n). The columns from ``rank`` on span what is unobservable.
+            component positive, shape (..., n, n). The columns from ``rank`` on span what is
+            unobservable.
         left: What measurements without process noise leave of the initial deviation in each
             direction, in (0, 1], shape (..., n).
     """
@@ -117,7 +118,21 @@ def observability_rank(
         scaled = torch.nn.functional.pad(scaled, (0, 0, 0, n - scaled.shape[-2]))
     _, values, directions = torch.linalg.svd(scaled, full_matrices=False)
     rank = (values > tolerance * values[..., :1]).sum(-1)
-    return Observed(rank, values, directions.transpose(-1, -2), torch.rsqrt(1.0 + values * values))
+    columns = signed_columns(directions.transpose(-1, -2))
+    return Observed(rank, values, columns, torch.rsqrt(1.0 + values * values))
+
+
+def signed_columns(directions: Tensor) -> Tensor:
+    """Return directions of which the largest component is positive: their sign means nothing.
+
+    Args:
+        directions: One per column, shape (..., n, m).
+
+    Returns:
+        Shape (..., n, m).
+    """
+    place = directions.abs().argmax(-2, keepdim=True)
+    return directions * torch.sign(torch.gather(directions, -2, place))
 
 
 def unobservable(found: Observed) -> Tensor:
