@@ -4,7 +4,7 @@
 
 Simulated drives against their truth, KITTI drives against their reference, which their fixes are
 made from (0.6 m white, 1.5 m correlated, 0.08 m/s). Every 25 s the attitude at the end of a window
-of 1 Hz fixes: root mean square of pitch and roll, median and 90 % of azimuth where its own deviation
+of 1 Hz fixes: root mean square of pitch and roll, median and 90 % of azimuth where its own sigma
 says that it is known to 3°, the errors in units of that deviation, and milliseconds per window.
 """
 

@@ -163,7 +163,7 @@ def _solve(problem: _Problem, guess: Guess, passes: int) -> tuple[Guess, float]:
         # Far from the solution a linear step of more than half a radian points nowhere.
         error = torch.where(turn > 0.5, error * (0.5 / turn.clamp(min=1e-12)), error)
         guess = corrected(guess, error, predicted.middle)
-        if float((error / problem.prior).abs().max()) < 1e-7:
+        if float((error / problem.prior).abs().max()) < 1e-5:
             break
     system = _system(problem, guess, problem.window.predict(guess))
     return guess, float(system.residual.abs().clamp(max=3.0).square().sum())
