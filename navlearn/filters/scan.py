@@ -15,6 +15,9 @@ from torch import Tensor
 
 from navlearn.filters.ekf import joseph, kalman_gain, propagated, symmetrized
 
+WIDE = 16
+"""Batch from which one step after another is faster than summing up chunks first."""
+
 
 class LinearSteps(NamedTuple):
     """A linear time-varying system with measurements: each step predicts, then updates.
@@ -99,16 +102,18 @@ def filter_in_parallel(
         mean: Mean before the first step, shape (..., n).
         covariance: Covariance before the first step, shape (..., n, n).
         steps: The system.
-        chunk: Steps per chunk; None chooses about √K.
+        chunk: Steps per chunk; None chooses about √K, or one chunk where the batch is so large
+            that a step is work enough.
 
     Returns:
         Means and covariances.
     """
     count = steps.shift.shape[-2]
-    size = chunk or max(1, round(math.sqrt(count)))
+    wide = mean.numel() // mean.shape[-1] >= WIDE
+    size = chunk or (count if wide else max(1, round(math.sqrt(count))))
     chunks = -(-count // size)
     if chunks == 1:
-        return filter_in_turn(mean, covariance, steps)
+        return _filtered(mean, covariance, steps)
     laid = _in_chunks(steps, size, chunks)
     sums = _summed(
         LinearSteps(
@@ -130,13 +135,36 @@ def filter_in_parallel(
         mean, covariance = _through(mean, covariance, _Element(*element))
         means.append(mean)
         covariances.append(covariance)
-    done = filter_in_turn(torch.stack(means, -2), torch.stack(covariances, -3), laid)
+    done = _filtered(torch.stack(means, -2), torch.stack(covariances, -3), laid)
     vectors = (x.flatten(-3, -2)[..., :count, :] for x in (done.prior_mean, done.mean))
     matrices = (
         x.flatten(-4, -3)[..., :count, :, :] for x in (done.prior_covariance, done.covariance)
     )
     (prior_mean, after), (prior_covariance, P) = vectors, matrices
     return Filtered(prior_mean, prior_covariance, after, P)
+
+
+def _filtered(mean: Tensor, covariance: Tensor, steps: LinearSteps) -> Filtered:
+    """Filter all chunks side by side: the same recursion in fewer and larger products."""
+    n = mean.shape[-1]
+    own = torch.cat((covariance, mean.unsqueeze(-1)), -1)
+    priors: list[Tensor] = []
+    posts: list[Tensor] = []
+    for F, b, Q, H, R, y in _in_turn(steps):
+        moved = F @ own
+        P = symmetrized(moved[..., :n] @ F.transpose(-1, -2) + Q)
+        own = torch.cat((P, moved[..., n:] + b.unsqueeze(-1)), -1)
+        priors.append(own)
+        seen = H @ own
+        cross = seen[..., :n]
+        spread = symmetrized(cross @ H.transpose(-1, -2)) + torch.diag_embed(R)
+        factor = torch.linalg.cholesky_ex(spread)[0]
+        seen = torch.cat((cross, seen[..., n:] - y.unsqueeze(-1)), -1)
+        own = own - cross.transpose(-1, -2) @ torch.cholesky_solve(seen, factor)
+        own = torch.cat((symmetrized(own[..., :n]), own[..., n:]), -1)
+        posts.append(own)
+    prior, post = torch.stack(priors, -3), torch.stack(posts, -3)
+    return Filtered(prior[..., n], prior[..., :n], post[..., n], post[..., :n])
 
 
 def _in_turn(steps: LinearSteps) -> zip:  # type: ignore[type-arg]
@@ -194,19 +222,24 @@ def _summed(steps: LinearSteps) -> _Element:
     A = torch.eye(n, dtype=steps.shift.dtype, device=steps.shift.device).expand(*batch, n, n)
     C, b = torch.zeros_like(A), steps.shift.new_zeros((*batch, n))
     eta, J = b, C
+    own = torch.cat((A, b.unsqueeze(-1), C), -1)
     for F, shift, Q, H, R, y in _in_turn(steps):
-        A, b, C = F @ A, _times(F, b) + shift, propagated(C, F, Q)
-        spread = symmetrized(H @ C @ H.transpose(-1, -2)) + torch.diag_embed(R)
+        # what is multiplied from the same side goes in one product
+        moved = F @ own
+        A, b = moved[..., :n], moved[..., n] + shift
+        C = symmetrized(moved[..., n + 1 :] @ F.transpose(-1, -2) + Q)
+        own = torch.cat((A, b.unsqueeze(-1), C), -1)
+        seen = H @ own
+        spread = symmetrized(seen[..., n + 1 :] @ H.transpose(-1, -2)) + torch.diag_embed(R)
         factor = torch.linalg.cholesky_ex(spread)[0]
-        seen = H @ A
-        residual = y - _times(H, b)
-        known = torch.cat((seen, residual.unsqueeze(-1), H @ C), -1)
-        solved = torch.cholesky_solve(known, factor)
-        told = seen.transpose(-1, -2) @ solved[..., : n + 1]
-        J, eta = J + told[..., :n], eta + told[..., n]
-        gain = solved[..., n + 1 :].transpose(-1, -2)
-        A, b = A - gain @ seen, b + _times(gain, residual)
-        C = symmetrized(C - gain @ known[..., n + 1 :])
+        seen = torch.cat(
+            (seen[..., :n], seen[..., n : n + 1] - y.unsqueeze(-1), seen[..., n + 1 :]), -1
+        )
+        solved = torch.cholesky_solve(seen, factor)
+        told = seen[..., :n].transpose(-1, -2) @ solved[..., : n + 1]
+        J, eta = J + told[..., :n], eta - told[..., n]
+        own = own - seen[..., n + 1 :].transpose(-1, -2) @ solved
+    A, b, C = own[..., :n], own[..., n], symmetrized(own[..., n + 1 :])
     return _Element(A, b, C, eta, symmetrized(J))
 
 

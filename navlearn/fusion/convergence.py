@@ -20,15 +20,6 @@ Record = TypeVar("Record")
 MOST_PASSES = 20
 """Passes after which the fast form gives up."""
 
-TOLERANCE = 2e-4
-"""Largest move of a block's start in the last pass, m; the next would move a 500th of it."""
-
-ROUGHLY = 0.5
-"""The same before passes with gradients, each of which converges too, m."""
-
-TRUSTED = 20.0
-"""Largest move in an early pass, m, after which the gate's verdicts are taken over."""
-
 EARLY = 3
 """Passes that may still be far from the solution; a later one that moves far was told to by the
 verdicts, and forgetting them would only bring back the pass before."""
@@ -36,6 +27,11 @@ verdicts, and forgetting them would only bring back the pass before."""
 
 class Passes(Protocol[AnyBelief, Record]):
     """Passes over the same blocks."""
+
+    @property
+    def tolerances(self) -> tuple[float, float]:
+        """Largest moves of a block's start, m, before passes with gradients and in the last."""
+        ...
 
     def run(self, guess: AnyBelief, verdict: Tensor | None, rounds: int) -> tuple[Record, Behind]:
         """Run one pass from a guess, the gate's verdicts to use, and how often to renew them."""
@@ -47,6 +43,10 @@ class Passes(Protocol[AnyBelief, Record]):
 
     def move(self, new: AnyBelief, old: AnyBelief) -> float:
         """Return how far the worst block's start moved, m."""
+        ...
+
+    def trusts(self, new: AnyBelief, old: AnyBelief) -> bool:
+        """Return whether an early pass moved little enough for the gate's verdicts to hold."""
         ...
 
     def detached(self, begin: AnyBelief) -> AnyBelief:
@@ -68,8 +68,8 @@ def solved(
         The last pass's record and the number of passes, or None where they did not converge or
         the gate's verdicts oscillate.
     """
-    total = 0
-    for tolerance in (ROUGHLY, TOLERANCE) if learning else (TOLERANCE,):
+    total, last = 0, passes.tolerances[1]
+    for tolerance in passes.tolerances if learning else (last,):
         with torch.no_grad():
             found = _converged(begin, passes, tolerance)
         if found is None:
@@ -86,7 +86,7 @@ def solved(
         total += 2
         with torch.no_grad():
             new = passes.starts(record)
-            if behind.reproduced and passes.move(new, begin) < TOLERANCE:
+            if behind.reproduced and passes.move(new, begin) < last:
                 return record, total
             begin = passes.detached(new)
     return None
@@ -97,12 +97,11 @@ def _converged(
 ) -> tuple[Record, Behind, int] | None:
     verdict: Tensor | None = None
     for number in range(1, MOST_PASSES + 1):
-        record, behind = passes.run(begin, verdict, 1 if number == 1 else 4)
+        record, behind = passes.run(begin, verdict, 1 if number <= 2 else 4)
         new = passes.starts(record)
-        moved = passes.move(new, begin)
-        begin = new
-        if behind.reproduced and moved < tolerance:
+        if behind.reproduced and passes.move(new, begin) < tolerance:
             return record, behind, number
         # what a first pass refuses may only be far from its guess
-        verdict = behind.judged.verdict if moved < TRUSTED or number > EARLY else None
+        keep = number > EARLY or passes.trusts(new, begin)
+        verdict, begin = behind.judged.verdict if keep else None, new
     return None

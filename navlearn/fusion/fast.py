@@ -52,6 +52,16 @@ def run_fast(
     return history(line, record, path, "fast", passes)
 
 
+TOLERANCE = 2e-4
+"""Largest move of a block's start in the last pass, m; the next would move a 500th of it."""
+
+ROUGHLY = 0.5
+"""The same before passes with gradients, each of which converges too, m."""
+
+TRUSTED = 20.0
+"""Largest move in an early pass, m, after which the gate's verdicts are taken over."""
+
+
 class _Passes(NamedTuple):
     """Passes over the same blocks."""
 
@@ -59,6 +69,10 @@ class _Passes(NamedTuple):
     start: Belief
     line: Timeline
     noise: EkfNoise
+
+    @property
+    def tolerances(self) -> tuple[float, float]:
+        return ROUGHLY, TOLERANCE
 
     def run(self, guess: Belief, verdict: Tensor | None, rounds: int) -> tuple[Ended, Behind]:
         model, start, line, noise = self
@@ -70,6 +84,9 @@ class _Passes(NamedTuple):
 
     def move(self, new: Belief, old: Belief) -> float:
         return _largest_move(new, old)
+
+    def trusts(self, new: Belief, old: Belief) -> bool:
+        return _largest_move(new, old) < TRUSTED
 
     def detached(self, begin: Belief) -> Belief:
         return map_belief(begin, Tensor.detach)

@@ -4,9 +4,11 @@ The samples of all blocks are preintegrated side by side. A pass carries every b
 increments from the present guess of its start, linearises there, and runs one linear Kalman
 filter, parallel in time, over all blocks; where the guess is what the filter returns, that is the
 closed-loop filter itself. Increments follow new sensor parameters to first order until the passes
-are near, and are then summed up again at those found. An open loop is linear about its free
-mechanization, so one pass is all.
+are near, and are then summed up again at those found. Gradients of two passes are those of the loop
+to a few thousandths at worst, where innovations are large.
 """
+
+import math
 
 import torch
 from torch import Tensor
@@ -28,8 +30,15 @@ from navlearn.fusion.ins.updates import ins_measured
 from navlearn.fusion.record import starts_of_blocks
 from navlearn.fusion.updates import Measured
 
-NEAR = 1.0
-"""Largest move of a block's start, m, after which increments are summed up again."""
+TOLERANCE = 5e-3
+"""Largest move of a block's start in the last pass, m; the next would move a 50th of it."""
+
+ROUGHLY = 0.03
+"""The same before passes with gradients, each of which converges too, m."""
+
+NEAR = (5.0, 0.1)
+"""Largest moves of velocity, m/s, and attitude, rad, in a pass after which increments are summed
+up again and the gate's verdicts are taken over; position changes neither."""
 
 
 def run_ins_fast(
@@ -89,6 +98,11 @@ class _Passes:
         self.near = self.settled = False
         self.with_gradient: Sums | None = None
 
+    @property
+    def tolerances(self) -> tuple[float, float]:
+        """Largest moves of a block's start, m, before passes with gradients and in the last."""
+        return ROUGHLY, TOLERANCE
+
     def run(self, guess: InsBelief, verdict: Tensor | None, rounds: int) -> tuple[InsEnded, Behind]:
         """Run one pass."""
         if torch.is_grad_enabled():
@@ -103,10 +117,16 @@ class _Passes:
         return self._run(guess, self.sums, verdict, rounds)
 
     def move(self, new: InsBelief, old: InsBelief) -> float:
-        """Return how far blocks moved; no less than ``NEAR`` before the sums are final."""
-        moved = largest_move(new, old)
-        self.near = self.near or moved <= NEAR
-        return moved if self.settled else max(moved, NEAR)
+        """Return how far blocks moved, m; infinite before the sums are final."""
+        return largest_move(new, old) if self.settled else math.inf
+
+    def trusts(self, new: InsBelief, old: InsBelief) -> bool:
+        """Return whether a pass came near: its linearisation and sensor parameters will do."""
+        moved = state_difference(new.state, old.state).abs()
+        speed, turn = float(moved[..., 3:6].amax()), float(moved[..., 6:].amax())
+        near = speed < NEAR[0] and turn < NEAR[1]
+        self.near = self.near or near
+        return near
 
     def starts(self, record: InsEnded) -> InsBelief:
         """Return where blocks start by what a pass found, batch shape (B, K)."""
