@@ -47,7 +47,7 @@ def show(name: str, log: DriveLog, window: float, course: bool) -> None:
     errors, sigmas, spent, tried = [], [], 0.0, 0
     for m in range(12, len(line.fix_time), 25):
         begin = time.perf_counter()
-        found = matched_at(line.samples, line.fixes, line.timing, m, options)
+        found = matched_at(line.samples, line.fixes, line.timing, m, options, bridged=line.bridged)
         spent += time.perf_counter() - begin
         tried += 1
         if found is not None:

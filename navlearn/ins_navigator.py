@@ -68,19 +68,28 @@ class InsNavigator:
         self.ekf = InsEkf(self.options.filter)
         self.layout = ins_layout(self.options.filter)
 
-    def align(self, samples: ImuSample, fixes: GnssFix, timing: FixTiming) -> InsAlignment:
+    def align(
+        self,
+        samples: ImuSample,
+        fixes: GnssFix,
+        timing: FixTiming,
+        *,
+        bridged: Tensor | None = None,
+    ) -> InsAlignment:
         """Return the first state from which the filter can run.
 
         Args:
             samples: Intervals of one drive, shape (T,) and (T, 3) each.
             fixes: Its fixes, shape (M,) each.
             timing: Where the fixes fall, shape (M,) each.
+            bridged: Where a gap in the IMU was bridged, bool, shape (T,); None means nowhere.
 
         Raises:
             LogError: The drive tells no attitude.
         """
         arm = self.options.filter.lever_arm
-        return align_ins(samples, fixes, timing, self.options.alignment.with_lever_arm(arm))
+        options = self.options.alignment.with_lever_arm(arm)
+        return align_ins(samples, fixes, timing, options, bridged=bridged)
 
     def run(
         self,
@@ -89,6 +98,7 @@ class InsNavigator:
         timing: FixTiming,
         *,
         alignment: InsAlignment | None = None,
+        bridged: Tensor | None = None,
     ) -> InsNavigatorRun:
         """Align, then filter to the end of the samples.
 
@@ -97,6 +107,8 @@ class InsNavigator:
             fixes: Its fixes, shape (M,) each; through an outage there simply are none.
             timing: Where the fixes fall, shape (M,) each.
             alignment: Where to start; None finds it.
+            bridged: Where a gap in the IMU was bridged, bool, shape (T,), which alignment does
+                not reach across; None means nowhere.
 
         Returns:
             The run.
@@ -107,7 +119,7 @@ class InsNavigator:
         """
         samples = confirmed_standstill(samples, fixes, timing)
         if alignment is None:
-            alignment = self.align(samples, fixes, timing)
+            alignment = self.align(samples, fixes, timing, bridged=bridged)
         first = alignment.sample + 1
         rest = self._calibrated(ImuSample(*(channel[first:] for channel in samples)), alignment)
         with torch.no_grad():

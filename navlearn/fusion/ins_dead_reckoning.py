@@ -57,6 +57,8 @@ def ins_dead_reckoning_start(
     fixes: GnssFix,
     timing: FixTiming,
     options: InsDeadReckoningOptions | None = None,
+    *,
+    bridged: Tensor | None = None,
 ) -> InsDeadReckoningStart:
     """Return the state from which a strapdown alone runs through an outage.
 
@@ -66,6 +68,8 @@ def ins_dead_reckoning_start(
         fixes: Fixes before the outage, shape (M,) each.
         timing: Where the fixes fall, shape (M,) each.
         options: Windows and thresholds; None means the defaults.
+        bridged: Where a gap in the IMU was bridged, bool, shape (T,): no stretch reaches across
+            one if what follows it tells an attitude at all; None means nowhere.
 
     Returns:
         Start at the interval of the last fix that has position and velocity.
@@ -83,7 +87,15 @@ def ins_dead_reckoning_start(
         )
     m = int(found[-1])
     samples = confirmed_standstill(samples, fixes, timing)
-    matched = _matched(samples, fixes, timing, m, options)
+    matched = _matched(samples, fixes, timing, m, options, bridged)
+    if matched is None and bridged is not None:
+        matched = _matched(samples, fixes, timing, m, options, None)
+    if matched is None:
+        raise LogError(
+            f"full-IMU dead reckoning: no stretch of up to {max(options.windows):g} s before the "
+            "last fix in which the car moved and its receiver told velocities; start the outage "
+            "later"
+        )
     C_lb, arm = matrix_from_quaternion(matched.state.q_lb), options.alignment.lever_arm
     turn = samples.omega_ib_b[matched.sample] - matched.gyro_bias
     antenna = torch.stack((fixes.v_e[m], fixes.v_n[m], fixes.v_u[m]))
@@ -100,20 +112,16 @@ def _matched(
     timing: FixTiming,
     m: int,
     options: InsDeadReckoningOptions,
-) -> InsAlignment:
+    bridged: Tensor | None,
+) -> InsAlignment | None:
+    """Return the best alignment that the options' windows give, or None."""
     best: InsAlignment | None = None
     for window in options.windows:
-        found = matched_at(samples, fixes, timing, m, options.alignment, window)
+        found = matched_at(samples, fixes, timing, m, options.alignment, window, bridged=bridged)
         if found is None:
             continue
         if best is None or found.attitude_sigma[2] < best.attitude_sigma[2]:
             best = found
         if float(best.attitude_sigma[2]) <= options.alignment.azimuth_sigma:
             return best
-    if best is None:
-        raise LogError(
-            f"full-IMU dead reckoning: no stretch of up to {max(options.windows):g} s before the "
-            "last fix in which the car moved and its receiver told velocities; start the outage "
-            "later"
-        )
     return best

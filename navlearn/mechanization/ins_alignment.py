@@ -31,6 +31,8 @@ def align_ins(
     fixes: GnssFix,
     timing: FixTiming,
     options: InsAlignmentOptions | None = None,
+    *,
+    bridged: Tensor | None = None,
 ) -> InsAlignment:
     """Return the first state from which a full-IMU filter can run.
 
@@ -39,6 +41,8 @@ def align_ins(
         fixes: Fixes, shape (M,) each.
         timing: Where the fixes fall, shape (M,) each.
         options: Thresholds and standard deviations; None means the defaults.
+        bridged: Where a gap in the IMU was bridged, bool, shape (T,): no attitude is carried
+            across one; None means nowhere.
 
     Returns:
         The alignment, from nothing later than its own fix.
@@ -54,14 +58,14 @@ def align_ins(
     for m in torch.nonzero(usable)[:, 0].tolist():
         end = int(timing.index[m])
         if options.method != "velocity_matching":
-            rest = rest_before(samples, end, options)
+            rest = rest_before(samples, end, options, bridged)
             if rest is not None and drives_forward(samples, fixes, timing, m, options.speed):
                 return levelled_at(samples, fixes, timing, m, rest, options)
             if rest is not None or options.method == "levelled+course":
                 continue
         if float(clock[end]) - tried < RETRY:
             continue
-        found = matched_at(samples, fixes, timing, m, options)
+        found = matched_at(samples, fixes, timing, m, options, bridged=bridged)
         if found is None:
             continue
         tried, sigma = float(clock[end]), found.attitude_sigma

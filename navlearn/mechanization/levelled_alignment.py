@@ -26,18 +26,27 @@ VERTICAL_BIAS_SIGMA = 0.02
 scale factor and a tilt leave."""
 
 
-def rest_before(samples: ImuSample, end: int, options: InsAlignmentOptions) -> Rest | None:
+def rest_before(
+    samples: ImuSample,
+    end: int,
+    options: InsAlignmentOptions,
+    bridged: Tensor | None = None,
+) -> Rest | None:
     """Return the standstill that an attitude at the end of an interval may be levelled on.
 
     Args:
         samples: Intervals, shape (T,) and (T, 3) each.
         end: The interval.
         options: How long it must be, and how long ago it may be over.
+        bridged: Where a gap in the IMU was bridged, bool, shape (T,): none may lie since.
     """
     rest = last_rest(samples, end + 1, options.standstill)
-    if rest is None or float(samples.dt[rest.last + 1 : end + 1].sum()) > options.carry:
+    if rest is None:
         return None
-    return rest
+    since = slice(rest.last + 1, end + 1)
+    if bridged is not None and bool(bridged[since].any()):
+        return None
+    return rest if float(samples.dt[since].sum()) <= options.carry else None
 
 
 def drives_forward(

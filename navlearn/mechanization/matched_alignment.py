@@ -30,6 +30,8 @@ def matched_at(
     m: int,
     options: InsAlignmentOptions,
     window: float | None = None,
+    *,
+    bridged: Tensor | None = None,
 ) -> InsAlignment | None:
     """Return what velocity matching tells at one fix, however little that is.
 
@@ -40,15 +42,19 @@ def matched_at(
         m: The window ends at this fix, which has position and velocity.
         options: Thresholds and standard deviations.
         window: Length of the window, s; None takes that of the options.
+        bridged: Where a gap in the IMU was bridged, bool, shape (T,): no window reaches across.
 
     Returns:
         The alignment, or None where the window has too few fixes, is too short, or the car hardly
         moved in it.
     """
-    used = _window(samples, fixes, timing, m, options, window or options.window)
+    end = int(timing.index[m])
+    gaps = torch.nonzero(bridged[: end + 1])[:, 0] if bridged is not None else timing.index[:0]
+    earliest = int(gaps[-1]) if len(gaps) else 0
+    used = _window(samples, fixes, timing, m, options, (earliest, window or options.window))
     if used is None:
         return None
-    first, end = int(timing.index[used[0]]), int(timing.index[m])
+    first = int(timing.index[used[0]])
     inside = ImuSample(*(channel[first + 1 : end + 1] for channel in samples))
     stops = _stops(inside.dt, timing.index[used] - first)
     bias, bias_sigma = gyro_bias_so_far(samples, fixes.lat[m], end, options)
@@ -109,12 +115,17 @@ def _window(
     timing: FixTiming,
     m: int,
     options: InsAlignmentOptions,
-    length: float,
+    reach: tuple[int, float],
 ) -> Tensor | None:
-    """Return the fixes of the window that ends at fix ``m``, or None where they do not suffice."""
+    """Return the fixes of the window that ends at fix ``m``, or None where they do not suffice.
+
+    It reaches back to an interval, and no longer than a time, s.
+    """
+    earliest, length = reach
     clock = torch.cumsum(samples.dt, 0)
     time = clock[timing.index.clamp(min=0)]
-    inside = (timing.index >= 0) & (fixes.has_velocity > 0) & (time >= time[m] - length - 1e-9)
+    inside = (timing.index >= earliest) & (fixes.has_velocity > 0)
+    inside = inside & (time >= time[m] - length - 1e-9)
     used = torch.nonzero(inside[: m + 1])[:, 0]
     if len(used) < max(options.least_fixes, 3):
         return None

@@ -112,6 +112,17 @@ def test_at_a_traffic_light_the_drive_before_tells_azimuth(mems):
     assert abs((error + math.pi) % (2.0 * math.pi) - math.pi) < math.radians(3.0)
 
 
+def test_a_gap_shortens_the_stretch_but_never_forbids_it(mems):
+    _, line = mems
+    told = before(line, 150.0)
+    whole = ins_dead_reckoning_start(*told)
+    for gap, differs in (((13000, 13100), True), ((14800, 14900), False), ((100, 200), False)):
+        bridged = torch.zeros(len(line.t), dtype=torch.bool)
+        bridged[slice(*gap)] = True
+        start = ins_dead_reckoning_start(*told, bridged=bridged)
+        assert torch.equal(start.state.q_lb, whole.state.q_lb) != differs, gap
+
+
 def test_advice_where_nothing_tells_the_attitude(mems):
     _, line = mems
     with pytest.raises(LogError, match=r"no fix before the outage has both position and velocity"):

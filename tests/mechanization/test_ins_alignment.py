@@ -98,6 +98,17 @@ def test_nothing_after_its_fix_is_looked_at(parked, start):
     assert torch.equal(again.gyro_bias, found.gyro_bias)
 
 
+def test_no_attitude_is_carried_across_a_gap(parked):
+    line = imu_timeline(parked.log)
+    bridged = torch.zeros(len(line.t), dtype=torch.bool)
+    bridged[3050:3150] = True  # between standstill and the first fast fix
+    found = align_ins(line.samples, line.fixes, line.timing, bridged=bridged)
+    assert found.method == "velocity_matching"
+    assert float(line.t[found.sample]) >= 31.5 + InsAlignmentOptions().least_window - 0.1
+    cleared = align_ins(line.samples, line.fixes, line.timing, bridged=torch.zeros_like(bridged))
+    assert cleared.method == "levelled+course"
+
+
 def kept(line, where):
     fixes = GnssFix(*(channel[where] for channel in line.fixes))
     return line.samples, fixes, FixTiming(*(channel[where] for channel in line.timing))
