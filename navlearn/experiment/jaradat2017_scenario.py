@@ -61,6 +61,8 @@ def compare_on_scenario(
 ) -> pd.DataFrame:
     """Return what every method makes of one draw of the scenario.
 
+    No gate is asked: every model acts, a sound one from the fix before each missing fix until it.
+
     Args:
         seed: Of the draw.
         specs: Models to compare.
@@ -68,15 +70,15 @@ def compare_on_scenario(
 
     Returns:
         Rows of ``seed``, ``method``, ``measure`` (``training residual``, ``test residual``:
-        prediction − target, in metres, for a sound model per step; ``in use``: error of the path
-        at every IMU step; ``missed fixes``: the same where a fix is missing), ``axis``,
-        ``count``, ``mean`` (m), ``rms`` (m).
+        prediction − target of the paper's networks; ``in use``: error of the path at every IMU
+        step; ``missed fixes``: the same where a fix is missing), ``axis``, ``count``, ``mean``
+        (m), ``rms`` (m).
     """
     chosen = scenario_recipe() if recipe is None else recipe
     log = jaradat2017_scenario(seed).log
     line, navigator, run = InsFilterRuns(chosen).run(log)
     free = free_ins(line, navigator, run)
-    truth = _truth(log, free.series.t)
+    truth = true_positions(log, free.series.t)
     missed = missed_rows(free)
     paths = {"ins": free.series.ins, "last fix": free.series.held}
     paths["ins_ekf"] = _ecef(
@@ -146,8 +148,16 @@ def _ecef(path: InsState) -> Tensor:
     return ecef_from_geodetic(path.lat, path.lon, path.height)
 
 
-def _truth(log: DriveLog, t: Tensor) -> Tensor:
-    """Return the true positions at some times, Earth-fixed, m, shape (T, 3)."""
+def true_positions(log: DriveLog, t: Tensor) -> Tensor:
+    """Return the true positions at some times, Earth-fixed, m, shape (T, 3).
+
+    Args:
+        log: A log with its reference.
+        t: Times, s, shape (T,).
+
+    Raises:
+        LogError: The log has no reference.
+    """
     if log.reference is None:
         raise LogError(f"{log.metadata.name}: has no reference; the scenario needs its truth")
     known = log.reference

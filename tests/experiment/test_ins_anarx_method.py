@@ -17,12 +17,12 @@ from navlearn.experiment.jaradat2017_scenario import (
     compare_on_scenario,
     missed_rows,
     scenario_recipe,
+    true_positions,
 )
 from navlearn.experiment.learned import Learned
 from navlearn.experiment.methods import build_methods
 from navlearn.export import describe
-from navlearn.frames import ecef_from_geodetic
-from navlearn.learning.position_fit import fit_position
+from navlearn.learning.position_fit import fit_position, run_on_own_output
 from navlearn.logs.synthetic import jaradat2017_scenario, simulate_drive
 from navlearn.mechanization.strapdown_ecef import strapdown_ecef_in_turn, to_ecef
 from navlearn.outages.fit_diagnostics import FitDiagnostics, residual_table
@@ -180,18 +180,32 @@ def test_free_ins_is_the_papers_earth_fixed_strapdown(scenario):
 
 def test_targets_are_fixes_less_ins_to_the_noise_of_fixes(scenario):
     log, _, free = scenario
-    place = [torch.tensor(log.reference[name].to_numpy()) for name in ("lat", "lon", "height")]
-    truth = ecef_from_geodetic(*place).numpy()
-    t = free.series.t.numpy()
-    at = np.stack([np.interp(t, log.reference["t"], column) for column in truth.T], -1)
-    error = (free.series.target.numpy() - (at - free.series.ins.numpy()))[free.series.at_fix]
+    truth = true_positions(log, free.series.t)
+    error = (free.series.target - (truth - free.series.ins))[free.series.at_fix].numpy()
     assert np.allclose(error.std(0), 2.0, atol=0.2)
     assert np.abs(error.mean(0)).max() < 0.3
     missed = missed_rows(free)
     assert len(missed) == 4
     assert int(free.series.delay.max()) in (19, 29, 39, 49)
+    t = free.series.t.numpy()
     due = np.setdiff1d(np.arange(0.0, 100.01, 0.2).round(1), log.fixes["t"].round(1))
     assert np.allclose(np.sort(t[missed]), due, atol=1e-6)
+
+
+def test_a_tiny_mean_residual_says_nothing_of_use(scenario):
+    # Even handed the truth for a target, which nothing else in this package may see.
+    log, _, free = scenario
+    truth = true_positions(log, free.series.t)
+    told = free.series._replace(target=truth - free.series.ins)
+    one = BUILT_IN["jaradat2017"]
+    fits = fit_position(told, fit_options(one, scenario_recipe(), told))
+    residual = (fits[0].predicted - fits[0].windows.windows.y.squeeze(-1))[
+        fits[0].windows.part == 0
+    ]
+    used = told.ins[1:] + run_on_own_output(fits, told, one.inputs) - truth[1:]
+    assert abs(float(residual.mean())) < 1e-4
+    assert float(residual.square().mean().sqrt()) < 0.05
+    assert float(used[:, 0].square().mean().sqrt()) > 5.0
 
 
 def test_training_never_reads_the_truth(scenario):

@@ -1,5 +1,7 @@
 """Spec of ANARX on the position error of a full-IMU navigator."""
 
+from pathlib import Path
+
 import pytest
 
 from navlearn.errors import ConfigError
@@ -8,6 +10,8 @@ from navlearn.learning.position_series import SERIES_INPUTS
 from navlearn.recipe import load_spec
 from navlearn.recipe.ins_anarx_spec import PAPER_INPUTS, InsAnarxSpec
 from navlearn.recipe.spec import BUILT_IN
+
+ROOT = Path(__file__).resolve().parents[2]
 
 CORNERS = {
     "jaradat2017": ("paper", "open_loop"),
@@ -77,3 +81,13 @@ def test_what_does_not_fit_is_refused(tmp_path, content, said):
 
 def test_every_channel_may_be_an_input():
     assert InsAnarxSpec(name="a", inputs=tuple(INS_CHANNELS)).inputs == tuple(INS_CHANNELS)
+
+
+@pytest.mark.parametrize("name", ["jaradat2017", "ins_ekf+anarx"])
+def test_shipped_specs_are_the_built_in_ones_and_write_out_every_key(name):
+    path = ROOT / "models" / f"{name}.yaml"
+    assert load_spec(path).model_copy(update={"question": ""}) == BUILT_IN[name]
+    text = path.read_text(encoding="utf-8")
+    for key in set(InsAnarxSpec.model_fields) - {"notes"}:
+        assert f"\n{key}:" in text, key
+    assert path.with_suffix(".md").is_file()
