@@ -10,6 +10,7 @@ from navlearn.recipe.spec_base import (
     Count,
     NotNegative,
     Positive,
+    SafeguardSpec,
     Seed,
     SpecBase,
 )
@@ -23,6 +24,9 @@ PAPER_INPUTS: Final = ("ins_position", "gnss_position", "delay_steps")
 
 SOUND_INPUTS: Final = ("forward_speed", "turned_speed", "delayed_speed")
 """How fast errors of an odometer, of a gyro's scale and of its bias carry a car away."""
+
+MARGIN: Final = 0.25
+"""Least improvement that the gate asks for."""
 
 JARADAT2017: Final[dict[str, Any]] = {
     "training": "open_loop",
@@ -47,6 +51,9 @@ class InsAnarxSpec(SpecBase):
 
     Attributes:
         type: Kind of model.
+        safeguard: When a correction is trusted. The gate asks for more than elsewhere: a filter
+            that hears odometer and axle leaves so little that a useless model gains a tenth or
+            two on the dozen emulated outages of its last minutes now and then.
         mode: ``paper``: [Jaradat2017], a network per Earth-fixed axis on the position error of a
             free-running INS. ``sound``: increments of the error of the filter's coast along and
             across, from emulated outages.
@@ -74,6 +81,7 @@ class InsAnarxSpec(SpecBase):
     """
 
     type: Literal["ins_anarx"] = "ins_anarx"
+    safeguard: SafeguardSpec = SafeguardSpec(gate_margin=MARGIN)
     mode: Literal["paper", "sound"] = "sound"
     training: Literal["open_loop", "closed_loop"] = "closed_loop"
     split: Literal["random", "time"] = "time"
