@@ -72,7 +72,7 @@ def find_mounting(imu: pd.DataFrame, fixes: pd.DataFrame) -> PhoneMounting:
     Args:
         imu: ``t`` (end of each sample's interval), ``gyro_*`` and ``accel_*`` (with gravity) in
             the phone's axes, all finite.
-        fixes: ``t``, ``v_e`` and ``v_n``; rows without velocity are left out.
+        fixes: ``t``, and ``v_e`` and ``v_n`` where known.
 
     Returns:
         The mounting. Its yaw is unknown where there is too little motion, where the accelerations
@@ -83,7 +83,7 @@ def find_mounting(imu: pd.DataFrame, fixes: pd.DataFrame) -> PhoneMounting:
     middle = np.median(force, axis=0)
     size = float(np.linalg.norm(middle))
     up = middle / size if size > 0.0 else np.array([0.0, 0.0, 1.0])
-    moving = fixes.dropna(subset=["v_e", "v_n"])
+    moving = fixes.reindex(columns=["t", "v_e", "v_n"]).dropna()
     t_v = moving["t"].to_numpy(np.float64)
     v = moving["v_e"].to_numpy(np.float64) + 1j * moving["v_n"].to_numpy(np.float64)
     t = imu["t"].to_numpy(np.float64)

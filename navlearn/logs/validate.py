@@ -19,6 +19,9 @@ from navlearn.logs.nearest import nearest_hint
 FASTEST_CAR: Final = 120.0
 """No road car drives faster, m/s."""
 
+LATEST: Final = 1e11
+"""No clock counts further in seconds: three thousand years."""
+
 FASTEST_TURN: Final = 3.5
 """Hardly any sample of a driving car turns faster, rad/s (200 °/s)."""
 
@@ -128,6 +131,13 @@ def _require_increasing_time(where: str, t: FloatArray) -> None:
         raise LogError(
             f"{where}: no time at row {int(np.argmax(np.isnan(t))) + 1} ({int(np.isnan(t).sum())} "
             "such rows); remove the rows or give them times"
+        )
+    beyond = np.abs(t) > LATEST
+    if beyond.any():
+        row = int(np.argmax(beyond))
+        raise LogError(
+            f"{where}: t is {t[row]:.6g} at row {row + 1}, no time in seconds; give its unit (ms, "
+            "us, ns) in a descriptor"
         )
     step = np.diff(t)
     if (step > 0.0).all():

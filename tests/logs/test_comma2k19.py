@@ -176,6 +176,18 @@ def test_damaged_arrays(segment, values, message):
         read_log(segment(**{"processed_log/IMU/gyro/value": values}))
 
 
+def test_damage_that_leaves_an_array(segment):
+    home = segment()
+    path = home / "processed_log/IMU/gyro/value"
+    path.write_bytes(path.read_bytes() + b"xx")
+    with pytest.raises(LogError, match=r"IMU/gyro/value: 2 bytes beyond its array of \(20, 3\)"):
+        read_log(home)
+    fix = arrays()["processed_log/GNSS/live_gnss_ublox/value"]
+    fix[3, 3] = 1e300
+    with pytest.raises(LogError, match=r"fixes span 1e\+297 s of UTC and arrived within 1\.91 s"):
+        read_log(segment(8, "other", **{"processed_log/GNSS/live_gnss_ublox/value": fix}))
+
+
 def test_a_pickle_is_not_opened(segment):
     harm = b"cos\nsystem\n(S'touch harm'\ntR."
     with pytest.raises(LogError, match="not readable as a NumPy array"):

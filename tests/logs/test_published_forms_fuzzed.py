@@ -89,7 +89,7 @@ def test_what_is_bent_below_is_sound(form, tmp_path):
 
 @pytest.mark.parametrize("form", FORMS)
 @settings(
-    max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 @given(data=st.data())
 def test_bent_bytes(form, data, tmp_path_factory):

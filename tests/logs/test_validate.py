@@ -55,6 +55,12 @@ def test_a_car_without_odometer_is_sound_but_an_empty_file_is_not(make_log, tabl
         validate_log(make_log(odometer=tables["odometer"].iloc[:1]))
 
 
+def test_times_that_are_no_seconds(make_log, tables):
+    t = tables["imu"]["t"] * 1e9 + 1.7e18
+    with pytest.raises(LogError, match=r"imu: t is 1.7e\+18 at row 1, no time in seconds; give"):
+        validate_log(make_log(**bent(tables, "imu", t=t)))
+
+
 def test_nan_block_names_row_time_and_length(make_log, tables):
     gyro = tables["imu"]["gyro_z"].copy()
     gyro[30:42] = np.nan

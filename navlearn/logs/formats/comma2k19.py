@@ -26,6 +26,7 @@ from navlearn.logs.formats.finding import listing
 from navlearn.logs.interval_means import FloatArray
 
 PUBLISHED_AXES: Final = "FRD"
+_CLOCKS_APART: Final = 5.0
 _POSES: Final = ("global_pose", "global_pos")
 _RECEIVERS: Final = ("live_gnss_ublox", "live_gnss_qcom")
 
@@ -98,12 +99,16 @@ def _array(path: Path, columns: int) -> FloatArray:
         beside = listing(home) if home.is_dir() else "no such folder"
         raise LogNotFoundError(f"{path}: no such array; found {beside}")
     try:
-        values = np.load(path, allow_pickle=False)
-        values = np.asarray(values, dtype=np.float64)
-    except (ValueError, TypeError, EOFError, OSError) as error:
+        with path.open("rb") as stream:
+            values = np.asarray(np.load(stream, allow_pickle=False), dtype=np.float64)
+            rest = len(stream.read())
+    except Exception as error:
+        # A damaged header makes NumPy fail in many ways, those of Python's own parser among them.
         raise LogError(
             f"{where}: not readable as a NumPy array of numbers ({error}); fetch it again"
         ) from error
+    if rest:
+        raise LogError(f"{where}: {rest} bytes beyond its array of {values.shape}; fetch it again")
     rows = values.shape[0] if values.ndim else 0
     if values.size != rows * columns:
         raise LogError(f"{where}: found shape {values.shape}, expected (N, {columns})")
@@ -163,7 +168,13 @@ def _on_their_epochs(fixes: pd.DataFrame) -> pd.DataFrame:
     fixes = without_empty_fixes(fixes)
     if fixes.empty:
         return fixes.drop(columns="epoch")
-    t, _ = clock_from_epochs(fixes["epoch"].to_numpy(), fixes["t"].to_numpy())
+    epoch, arrival = (fixes[name].to_numpy(np.float64) for name in ("epoch", "t"))
+    if not np.abs(np.ptp(epoch) - np.ptp(arrival)) < _CLOCKS_APART:
+        raise LogError(
+            f"processed_log/GNSS: fixes span {np.ptp(epoch):.6g} s of UTC and arrived within "
+            f"{np.ptp(arrival):.6g} s; an array is damaged: fetch it again"
+        )
+    t, _ = clock_from_epochs(epoch, arrival)
     return fixes.assign(t=t).drop(columns="epoch")
 
 

@@ -113,5 +113,5 @@ def seconds(path: Path, column: pd.Series) -> FloatArray:
             f"{path.name}: time is {column.iloc[row]!r} at row {row + 1}, expected a time such as "
             "2023-08-09 16:37:45+00:00, or nanoseconds since 1970"
         )
-    since = stamps - pd.Timestamp(0, tz="UTC")
-    return np.asarray(since.dt.total_seconds(), dtype=np.float64)
+    microseconds = stamps.dt.tz_convert(None).to_numpy("datetime64[us]").astype(np.int64)
+    return np.asarray(microseconds / 1e6, dtype=np.float64)
