@@ -77,7 +77,7 @@ def move_chunk(chunk: Chunk, adaptive: bool = True) -> Solved:
 
     Args:
         chunk: What leads through it.
-        adaptive: Whether to choose the passes over gravity by the chunk's length.
+        adaptive: Whether a chunk that is short enough goes without corrections of gravity.
 
     Returns:
         The solution.

@@ -14,11 +14,11 @@ from torch import Tensor
 
 from navlearn.mechanization.strapdown_chunk import Chunk, move_chunk
 
-CHUNK_ELEMENTS = 8192
+CHUNK_ELEMENTS = 16384
 """Samples of all records together in one chunk."""
 
-CHUNK_DURATION = 90.0
-"""Longest chunk, s: in longer ones gravity settles slowly."""
+CHUNK_DURATION = 300.0
+"""Longest chunk, s: in longer ones the corrections of gravity settle slowly."""
 
 SHORTEST = 64
 """Fewest samples of a record in one chunk."""

@@ -1,8 +1,8 @@
 """Strapdown mechanization parallel in time, in the local level.
 
 Attitude against inertial space is one prefix product over the record. Time is then cut into
-chunks that fit the cache and in which gravity settles in a few passes; within a chunk all samples
-go together (:mod:`navlearn.mechanization.strapdown_chunk`), position and velocity are carried from
+chunks that fit the cache and in which gravity settles fast; within a chunk all samples go
+together (:mod:`navlearn.mechanization.strapdown_chunk`), position and velocity are carried from
 chunk to chunk.
 """
 
@@ -53,7 +53,7 @@ def strapdown_over_time(
         gyro_scale: Relative error of the gyros, shape likewise; None means zero.
         accel_scale: Relative error of the accelerometers, shape likewise; None means zero.
         gradient: ``recompute`` differentiates in reverse, once, and keeps next to nothing;
-            ``tape`` by autograd, any order and forward mode, in one chunk of up to two minutes.
+            ``tape`` by autograd, any order and forward mode, in one chunk: for five minutes.
 
     Returns:
         States at the ends of intervals, shape (..., T) each.
@@ -82,7 +82,7 @@ def local_level_over_time(
         velocity: Velocity increments in the body at the start of each interval, m/s, likewise.
         dt: Length of the intervals, s, shape (..., T); zero, with zero increments, moves nothing.
         gradient: ``recompute`` differentiates in reverse, once, and keeps next to nothing;
-            ``tape`` by autograd, any order and forward mode, in one chunk of up to two minutes.
+            ``tape`` by autograd, any order and forward mode, in one chunk: for five minutes.
 
     Returns:
         States at the ends of intervals, shape (..., T) each.

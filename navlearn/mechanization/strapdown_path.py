@@ -3,8 +3,9 @@
 Everything is resolved in the meridian frame of the record's start. Turned once more by the
 Earth's angle since then, velocity is a sum of what forces add (that second turn is what takes the
 Coriolis force away), and position is a sum of velocities. Only gravity depends on where the car
-comes to. It is solved by Picard iteration: linear in the way from the chunk's start, then as it
-is, then corrected linearly again until nothing moves. What comes out is what
+comes to. A path that falls as at the chunk's start is corrected on a few nodes
+(:mod:`navlearn.mechanization.gravity_correction`), gravity is taken along it at every sample, and
+what that leaves is corrected on the nodes once more. What comes out is what
 :func:`navlearn.mechanization.earth_fixed.moved_in_earth_fixed_frame` gives in turn, to rounding.
 Arrays lie as (records, samples), or (3, records, samples) for vectors.
 """
@@ -14,11 +15,18 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from navlearn import wgs84
+from navlearn.mechanization.gravity_correction import (
+    bend,
+    nodes_of,
+    picked,
+    sloping,
+    spread,
+    spread_rate,
+)
 from navlearn.mechanization.meridian import gravity_at
 
 TOLERANCE = 1e-11
-"""Error of position at which a chunk's iteration may stop, m."""
+"""Error of position up to which a chunk needs no corrections, m."""
 
 GRADIENT = 3.1e-6
 """How fast gravity grows upward, 1/s²: in no direction does it change faster."""
@@ -53,24 +61,27 @@ def path(r_0: Tensor, v_0: Tensor, pushed: Pushed, adaptive: bool) -> tuple[Tens
         r_0: Position at the chunk's start, m, shape (3, B, 1).
         v_0: Velocity at the chunk's start, m/s, shape (3, B, 1).
         pushed: What is known.
-        adaptive: Whether to choose the passes by how far and how long the chunk leads; else all
-            that a chunk of two minutes may need are made.
+        adaptive: Whether a chunk that is short enough goes without corrections.
 
     Returns:
         Way (m) and velocity (m/s), shape (3, B, n) each.
     """
-    gravity, slope = _gravity_near(r_0)
-    way, v, middle = _sums(v_0, gravity, pushed)
-    linear, corrections = _passes(middle, pushed.dt) if adaptive else (True, 2)
-    if linear:
-        way, v, middle = _sums(v_0, _sloping(gravity, slope, middle), pushed)
-    gravity = _gravity(r_0 + middle)
-    way, v, moved = _sums(v_0, gravity, pushed)
-    for _ in range(corrections):
-        gravity = _sloping(gravity, slope, moved - middle)
-        middle = moved
-        way, v, moved = _sums(v_0, gravity, pushed)
-    return way, v
+    level, slope = _gravity_near(r_0)
+    way, v, middle = _sums(v_0, level, pushed)
+    if adaptive and _short(middle, pushed.dt):
+        way, v, _ = _sums(v_0, _gravity(r_0 + middle), pushed)
+        return way, v
+    nodes, count = nodes_of(pushed.dt), pushed.dt.shape[-1]
+    there = picked(middle, nodes.stride)
+    guess = bend(sloping(torch.zeros_like(level), slope, there), slope, nodes.step, 4)
+    moved = picked(spread(guess, nodes.at_middle, count), nodes.stride)
+    push = sloping(_gravity(r_0 + there + moved) - level, slope, -moved)
+    guess = bend(push, slope, nodes.step, 4)
+    middle = middle + spread(guess, nodes.at_middle, count)
+    way, v, moved = _sums(v_0, _gravity(r_0 + middle), pushed)
+    missed = picked(moved - middle, nodes.stride)
+    last = bend(sloping(torch.zeros_like(level), slope, missed), slope, nodes.step, 2)
+    return way + spread(last, nodes.at_end, count), v + spread_rate(last, nodes.at_end, count)
 
 
 def _sums(v_0: Tensor, gravity: Tensor, pushed: Pushed) -> tuple[Tensor, Tensor, Tensor]:
@@ -96,25 +107,11 @@ def _gravity(r: Tensor) -> Tensor:
     return torch.stack(gravity_at(r[0], r[1], r[2]))
 
 
-def _sloping(gravity: Tensor, slope: Tensor, way: Tensor) -> Tensor:
-    for along, distance in zip(slope.unbind(0), way.unbind(0), strict=True):
-        gravity = torch.addcmul(gravity, along, distance)
-    return gravity
-
-
-def _passes(middle: Tensor, dt: Tensor) -> tuple[bool, int]:
-    """Return whether a linear pass pays, and how many corrections follow the exact one."""
+def _short(middle: Tensor, dt: Tensor) -> bool:
+    """Return whether gravity on the path that falls as at its start is exact enough."""
     reach = float(middle.detach().abs().amax()) if middle.numel() else 0.0
     square = GRADIENT * float(dt.detach().sum(-1).amax()) ** 2
-    error = reach * square / 6.0
-    if error * square / 20.0 <= TOLERANCE:
-        return False, 0
-    curved = reach * reach / wgs84.SEMI_MAJOR_AXIS * square / 12.0
-    error, corrections = (error * square / 20.0 + curved) * square / 42.0, 0
-    while error > TOLERANCE and corrections < 8:
-        error *= square / 72.0
-        corrections += 1
-    return True, corrections
+    return reach * square / 6.0 * square / 20.0 <= TOLERANCE
 
 
 def _before(start: Tensor, ends: Tensor) -> Tensor:
