@@ -1,7 +1,7 @@
 """From sums over a window's samples to Jacobians and covariance of its increments.
 
 The sums run over what is told of each sample, in this order: P 0:3, A 3:6, τ 6 and 1 at 7 (see
-:mod:`navlearn.mechanization.preintegration_window`).
+:mod:`navlearn.mechanization.preintegration_core`).
 """
 
 import torch

@@ -1,56 +1,27 @@
 """Preintegration: what the IMU says over a window, whatever state the window starts from.
 
-[Forster2017] §VI, with the sums written so that nothing but a product of quaternions is
-recursive. With R_k the rotation in the middle of sample k, a_k = R_k Δv_k the velocity it adds
-and τ_k the time from its middle to the end, velocity and position increments are Σ a_k and
-Σ τ_k a_k. What a small rotation at sample j does to both is the cross product with what is still
-to come, A_j = Σ_{k>j} a_k and P_j = Σ_{k>j} τ_k a_k. So every Jacobian is a sum over samples of
-(1, τ, A, P) times R, every covariance one of (1, A, P) times (1, A, P): one small matrix product
-per window gives all of them.
-
 Increments are inertial: gravity, Earth rate and the start velocity come in with
-:func:`navlearn.mechanization.preintegration_predict.predict`.
+:func:`navlearn.mechanization.preintegration_predict.predict`. Windows are taken a few hundred at a
+time, so that what is computed of them stays in the processor's cache.
 """
 
-from typing import NamedTuple
+from collections.abc import Iterator
 
 import torch
 from torch import Tensor
 
 from navlearn.errors import ShapeError
-from navlearn.mechanization.preintegration_sums import by_force, by_rate, covariance_of
-from navlearn.mechanization.preintegration_turn import (
-    Quaternion,
-    prefix_products,
-    quaternions_of,
+from navlearn.mechanization.preintegration_core import (
+    Increments,
+    Preintegrated,
+    cross_of,
+    integrated,
 )
 
+__all__ = ["Preintegrated", "preintegrate", "preintegrate_increments"]
 
-class Preintegrated(NamedTuple):
-    """Increments over a window, in the body frame at its start, against inertial space.
-
-    Errors of the increments are in the order of the error state: position 0:3, velocity 3:6,
-    rotation 6:9 (the small rotation ψ on the left, R̂ = (I + [ψ×]) R), all in the start's axes.
-    Sensor parameters are in the order of the filter: gyro bias 0:3, accelerometer bias 3:6 and,
-    when asked for, gyro scale factor 6:9, accelerometer scale factor 9:12.
-
-    Attributes:
-        duration: Length of the window, s, shape (...).
-        rotation: Unit quaternion that turns the body at the end into the body at the start,
-            scalar first, shape (..., 4).
-        velocity: ∫ R f dt, m/s, shape (..., 3).
-        position: ∫∫ R f dt dt, m, shape (..., 3).
-        by_sensor: Derivative of the increments in the sensor parameters that were taken off,
-            shape (..., 9, 6) or (..., 9, 12).
-        covariance: Covariance of the increments by white noise, shape (..., 9, 9).
-    """
-
-    duration: Tensor
-    rotation: Tensor
-    velocity: Tensor
-    position: Tensor
-    by_sensor: Tensor
-    covariance: Tensor
+TOGETHER = 50_000
+"""Samples that are worked on at a time."""
 
 
 def preintegrate(
@@ -64,6 +35,7 @@ def preintegrate(
     accel_bias: Tensor | None = None,
     gyro_scale: Tensor | None = None,
     accel_scale: Tensor | None = None,
+    turn_noise: float | Tensor | None = None,
     scale_factors: bool = False,
 ) -> Preintegrated:
     """Integrate windows of mean rates and forces, all at once.
@@ -81,6 +53,8 @@ def preintegrate(
         accel_bias: Taken off the force, m/s², shape (..., 3); None means zero.
         gyro_scale: Scale factor, measured = (1 + s) true + bias, shape (..., 3); None means zero.
         accel_scale: The same of the accelerometers.
+        turn_noise: What turning adds to the gyros' noise, √s: over a window the density grows by
+            its square times the mean square of the rate, shape (); None means nothing.
         scale_factors: Whether to differentiate in the scale factors, too.
 
     Returns:
@@ -90,16 +64,23 @@ def preintegrate(
         ShapeError: If rate, force and intervals do not go together.
     """
     _check(omega_ib_b, f_b, dt)
-    step = dt.reshape(-1, dt.shape[-1])
-    turn = _channels(_true(omega_ib_b, gyro_bias, gyro_scale)) * step
-    speed = _channels(_true(f_b, accel_bias, accel_scale)) * step
-    bent = _cross(turn, speed)
-    # ∫ exp([ω]s) f ds seen from the middle of the sample is (I + [θ×]²/24) f dt
-    middle = torch.add(speed, _cross(turn, bent), alpha=1.0 / 24.0)
-    samples = Increments(turn, middle, bent, step)
-    gyro = _density(gyro_random_walk, dt)
-    pre = _integrated(samples, gyro, _density(accel_random_walk, dt), scale_factors)
-    return _in_windows(pre, dt.shape[:-1], gyro_scale, accel_scale)
+    n = dt.shape[-1]
+    rates, forces, steps = omega_ib_b.reshape(-1, n, 3), f_b.reshape(-1, n, 3), dt.reshape(-1, n)
+    biases = (_per_window(gyro_bias, dt), _per_window(accel_bias, dt))
+    scales = (_per_window(gyro_scale, dt), _per_window(accel_scale, dt))
+    noise = (_density(gyro_random_walk, dt), _density(accel_random_walk, dt))
+    parts = []
+    for at in _tiles(steps):
+        step = steps[at]
+        turn = _channels(_true(rates[at], _part(biases[0], at), _part(scales[0], at))) * step
+        speed = _channels(_true(forces[at], _part(biases[1], at), _part(scales[1], at))) * step
+        bent = cross_of(turn, speed)
+        # ∫ exp([ω]s) f ds seen from the middle of the sample is (I + [θ×]²/24) f dt
+        middle = torch.add(speed, cross_of(turn, bent), alpha=1.0 / 24.0)
+        samples = Increments(turn, middle, bent, step)
+        gyro, accel = (x if len(x) == 1 else x[at] for x in noise)
+        parts.append(integrated(samples, gyro, accel, _squared(turn_noise, dt), scale_factors))
+    return _in_windows(parts, dt.shape[:-1], gyro_scale, accel_scale)
 
 
 def preintegrate_increments(
@@ -111,6 +92,7 @@ def preintegrate_increments(
     accel_random_walk: float | Tensor = 0.0,
     gyro_scale: Tensor | None = None,
     accel_scale: Tensor | None = None,
+    turn_noise: float | Tensor | None = None,
     scale_factors: bool = False,
 ) -> Preintegrated:
     """Integrate windows of increments that are compensated for coning and sculling.
@@ -127,6 +109,8 @@ def preintegrate_increments(
         gyro_scale: Scale factor that was taken off the rate, for the derivatives alone, shape
             (..., 3); None means zero.
         accel_scale: The same of the accelerometers.
+        turn_noise: What turning adds to the gyros' noise, √s: over a window the density grows by
+            its square times the mean square of the rate, shape (); None means nothing.
         scale_factors: Whether to differentiate in the scale factors, too.
 
     Returns:
@@ -136,84 +120,49 @@ def preintegrate_increments(
         ShapeError: If rotation, velocity and intervals do not go together.
     """
     _check(rotation, velocity, dt)
-    turn, speed = _channels(rotation), _channels(velocity)
-    bent = _cross(turn, speed)
-    # back by half the rotation; the fourth order is far below what an increment resolves
-    middle = torch.add(speed, bent, alpha=-0.5).add(_cross(turn, bent), alpha=0.125)
-    step = dt.reshape(-1, dt.shape[-1])
-    samples = Increments(turn, middle, bent, step)
-    gyro = _density(gyro_random_walk, dt)
-    pre = _integrated(samples, gyro, _density(accel_random_walk, dt), scale_factors)
-    return _in_windows(pre, dt.shape[:-1], gyro_scale, accel_scale)
+    n = dt.shape[-1]
+    turns, pushes, steps = rotation.reshape(-1, n, 3), velocity.reshape(-1, n, 3), dt.reshape(-1, n)
+    noise = (_density(gyro_random_walk, dt), _density(accel_random_walk, dt))
+    parts = []
+    for at in _tiles(steps):
+        turn, speed = _channels(turns[at]), _channels(pushes[at])
+        bent = cross_of(turn, speed)
+        # back by half the rotation; the fourth order is far below what an increment resolves
+        middle = torch.add(speed, bent, alpha=-0.5).add(cross_of(turn, bent), alpha=0.125)
+        samples = Increments(turn, middle, bent, steps[at])
+        gyro, accel = (x if len(x) == 1 else x[at] for x in noise)
+        parts.append(integrated(samples, gyro, accel, _squared(turn_noise, dt), scale_factors))
+    return _in_windows(parts, dt.shape[:-1], gyro_scale, accel_scale)
 
 
-class Increments(NamedTuple):
-    """Samples of N windows, vectors as (3, N, n).
-
-    Attributes:
-        turn: Rotation vector, rad.
-        speed: Velocity increment seen from the body in the middle of the sample, m/s.
-        bent: Rotation times velocity increment, rad m/s.
-        dt: Length, s, shape (N, n).
-    """
-
-    turn: Tensor
-    speed: Tensor
-    bent: Tensor
-    dt: Tensor
+def _tiles(steps: Tensor) -> Iterator[slice]:
+    count = max(1, TOGETHER // steps.shape[1])
+    for first in range(0, max(1, len(steps)), count):
+        yield slice(first, first + count)
 
 
-def _integrated(
-    samples: Increments, gyro: Tensor, accel: Tensor, scale_factors: bool
-) -> Preintegrated:
-    """Return increments of N windows; densities are squares, per window (N, 1) or sample (N, n)."""
-    dt = samples.dt
-    step = quaternions_of(samples.turn)
-    after = prefix_products(step)
-    R = _matrices_in_the_middle(after, step[0])
-    past = torch.cumsum(dt, -1)
-    duration = past[:, -1:]
-    tau = torch.add(duration - past, dt, alpha=0.5)
-    rows = (R[:3], R[3:6], R[6:])
-    speed = [_row_times(row, samples.speed) for row in rows]
-    # a force that turns with the body moves it less than half its velocity times the sample
-    curve = dt / -12.0
-    way = [
-        torch.addcmul(tau * v, curve, _row_times(r, samples.bent))
-        for v, r in zip(speed, rows, strict=True)
-    ]
-    added = torch.stack((*way, *speed), 1)
-    sums = torch.cumsum(added, -1)
-    total = sums[..., -1]
-    # half of the sample itself: what its rotation does to its own increment
-    to_come = torch.add(total.unsqueeze(-1) - sums, added, alpha=0.5)
-    way_to_come = torch.addcmul(to_come[:, :3], added[:, 3:], curve.unsqueeze(1))
-    told = torch.cat((way_to_come, to_come[:, 3:], torch.stack((tau, torch.ones_like(tau)), 1)), 1)
-    turned = torch.stack(R, 1).transpose(-1, -2)
-    timed = told * dt.unsqueeze(1)
-    moments = (timed @ turned).reshape(-1, 8, 3, 3)
-    by_sensor = [by_rate(moments), by_force(moments)]
-    if scale_factors:
-        in_turn = (told @ (turned * _columns(samples.turn))).reshape(-1, 8, 3, 3)
-        in_speed = (told @ (turned * _columns(samples.speed))).reshape(-1, 8, 3, 3)
-        by_sensor += [by_rate(in_turn), by_force(in_speed)]
-    if gyro.shape[1] > 1:
-        timed, gyro = timed * gyro.unsqueeze(1), torch.ones_like(duration)
-    covariance = covariance_of(timed @ told.transpose(-1, -2), gyro, accel, duration)
-    return Preintegrated(
-        duration.squeeze(-1),
-        torch.stack([x[:, -1] for x in after], -1),
-        total[:, 3:],
-        total[:, :3],
-        torch.cat(by_sensor, -1),
-        covariance,
-    )
+def _per_window(error: Tensor | None, dt: Tensor) -> Tensor | None:
+    return None if error is None else error.expand(*dt.shape[:-1], 3).reshape(-1, 3)
+
+
+def _part(error: Tensor | None, at: slice) -> Tensor | None:
+    return None if error is None else error[at]
+
+
+def _squared(walk: float | Tensor | None, dt: Tensor) -> Tensor | None:
+    if walk is None:
+        return None
+    return torch.as_tensor(walk, dtype=dt.dtype, device=dt.device) ** 2
 
 
 def _in_windows(
-    pre: Preintegrated, shape: torch.Size, gyro_scale: Tensor | None, accel_scale: Tensor | None
+    parts: list[Preintegrated],
+    shape: torch.Size,
+    gyro_scale: Tensor | None,
+    accel_scale: Tensor | None,
 ) -> Preintegrated:
-    """Return N windows in the shape they came in, derivatives by what was measured."""
+    """Return windows in the shape they came in, derivatives by what was measured."""
+    pre = parts[0] if len(parts) == 1 else Preintegrated(*map(torch.cat, zip(*parts, strict=True)))
     laid = Preintegrated(*(x.reshape((*shape, *x.shape[1:])) for x in pre))
     if gyro_scale is None and accel_scale is None:
         return laid
@@ -251,43 +200,3 @@ def _density(random_walk: float | Tensor, dt: Tensor) -> Tensor:
 def _channels(vectors: Tensor) -> Tensor:
     """Return (..., n, 3) as (3, N, n), each channel in one piece."""
     return vectors.reshape(-1, vectors.shape[-2], 3).permute(2, 0, 1).contiguous()
-
-
-def _cross(left: Tensor, right: Tensor) -> Tensor:
-    (a, b, c), (x, y, z) = left.unbind(0), right.unbind(0)
-    return torch.stack((_less(b * z, c, y), _less(c * x, a, z), _less(a * y, b, x)))
-
-
-def _columns(channels: Tensor) -> Tensor:
-    """Return (3, N, n) so that it multiplies the columns of flattened matrices (N, n, 9)."""
-    return channels.permute(1, 2, 0).repeat(1, 1, 3)
-
-
-def _matrices_in_the_middle(after: Quaternion, cosine: Tensor) -> list[Tensor]:
-    """Return the rotation in the middle of every sample, entries by rows.
-
-    The sum of the quaternions before and after a sample points at its middle; its length is
-    that of 2 cos(θ/4).
-    """
-    shrink = torch.rsqrt(1.0 + cosine)
-    w, x, y, z = (
-        (q + torch.nn.functional.pad(q[:, :-1], (1, 0), value=1.0 if k == 0 else 0.0)) * shrink
-        for k, q in enumerate(after)
-    )
-    xy, xz, yz = x * y, x * z, y * z
-    more, less = torch.addcmul, _less
-    one = torch.ones((), dtype=w.dtype, device=w.device)
-    return [
-        *(less(less(one, y, y), z, z), less(xy, w, z), more(xz, w, y)),
-        *(more(xy, w, z), less(less(one, x, x), z, z), less(yz, w, x)),
-        *(less(xz, w, y), more(yz, w, x), less(less(one, x, x), y, y)),
-    ]
-
-
-def _less(total: Tensor, left: Tensor, right: Tensor) -> Tensor:
-    return torch.addcmul(total, left, right, value=-1.0)
-
-
-def _row_times(row: list[Tensor], vector: Tensor) -> Tensor:
-    x, y, z = vector.unbind(0)
-    return torch.addcmul(torch.addcmul(row[0] * x, row[1], y), row[2], z)

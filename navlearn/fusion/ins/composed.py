@@ -5,7 +5,6 @@ The complete model composes by preintegration, whose transition is in closed for
 closed form: there the transitions of all samples are found together and multiplied pairwise.
 """
 
-import torch
 from torch import Tensor
 
 from navlearn.filters.ekf import propagated
@@ -97,18 +96,14 @@ def preintegrated(
         Increments, batch shape (...).
     """
     errors = imu_errors(model.layout, sensor)
-    omega, _ = imu_corrected(
-        imu_errors(model.layout, sensor.unsqueeze(-2)), samples.omega_ib_b, samples.f_b
-    )
-    duration = samples.dt.sum(-1)
-    turn = ((omega * omega).sum(-1) * samples.dt).sum(-1) / duration.clamp(min=1e-9)
     has_bias, has_scale = model.layout.has_bias, model.layout.has_scale
     pre = preintegrate(
         samples.omega_ib_b,
         samples.f_b,
         samples.dt,
-        gyro_random_walk=torch.sqrt(noise.gyro_random_walk**2 + noise.turn_noise**2 * turn),
+        gyro_random_walk=noise.gyro_random_walk,
         accel_random_walk=noise.accel_random_walk,
+        turn_noise=noise.turn_noise,
         gyro_bias=errors.gyro_bias if has_bias else None,
         accel_bias=errors.accel_bias if has_bias else None,
         gyro_scale=errors.gyro_gain - 1.0 if has_scale else None,
