@@ -92,7 +92,8 @@ class InsEkfOptions:
     """Choices of the loosely coupled full-IMU filter.
 
     Attributes:
-        states: 9 (position, velocity, attitude), 15 (and biases) or 21 (and scale factors).
+        states: 9 (position, velocity, attitude), 15 (and biases) or 21 (and scale factors). With 9
+            nothing holds a bias: take what alignment found of it off the samples first.
         model: ``phi_angle``, the complete linear error model, or ``dahmane2022``, the simplified
             one of [Dahmane2022] with its slips repaired (which that paper runs with 9 states).
         feedback: ``closed`` feeds errors back after each update; ``open`` lets the mechanization

@@ -10,6 +10,7 @@ from navlearn.fusion.ins.loosely_coupled import InsEkf
 from navlearn.fusion.ins.options import InsEkfOptions
 from navlearn.fusion.ins.start import initial_ins_belief
 from navlearn.fusion.ins.timeline import InsRest
+from navlearn.mechanization.strapdown import strapdown_in_turn
 from navlearn.states import FixTiming, GnssFix, ImuSample, InsState
 
 FORMS = {
@@ -32,7 +33,7 @@ def run(options, d, method):
 @pytest.mark.parametrize("name", FORMS)
 def test_blocks_equal_samples(make_drive, lever_arm, name):
     options = InsEkfOptions(lever_arm=lever_arm, **FORMS[name])
-    d = make_drive(seconds=12, rate=25)
+    d = make_drive(seconds=9, rate=25)
     slow, quick = (run(options, d, method) for method in ("sequential", "exact"))
     assert (slow.method, quick.method) == ("sequential", "exact")
     assert torch.equal(slow.verdict, quick.verdict)
@@ -82,7 +83,7 @@ def test_a_batch_is_its_drives_one_by_one(make_drive):
 
 
 def test_streaming_is_the_sequential_form(make_drive, lever_arm):
-    d = make_drive(seconds=8, rate=25)
+    d = make_drive(seconds=7, rate=25)
     options = InsEkfOptions(lever_arm=lever_arm, zero_velocity=False, zero_angular_rate=False)
     history = run(options, d, "sequential")
     ekf = InsEkf(options)
@@ -135,3 +136,20 @@ def test_no_fixes_and_invalid_fixes_are_the_same(make_drive, method):
 def test_an_unknown_form_is_refused(make_drive):
     with pytest.raises(ConfigError, match="method 'quick'"):
         run(InsEkfOptions(), make_drive(seconds=6, rate=25), "quick")
+
+
+@pytest.mark.parametrize("method", ["exact", "sequential"])
+def test_a_filter_without_aids_is_the_strapdown(make_clean, method):
+    d = make_clean(12.0, 25)
+    nothing = dict.fromkeys(
+        ("position", "velocity", "odometer", "nonholonomic", "zero_velocity", "zero_angular_rate"),
+        False,
+    )
+    history = run(InsEkfOptions(**nothing), d, method)
+    path = strapdown_in_turn(d.start, d.samples)
+    gap = state_difference(history.trajectory, path).abs()
+    assert float(gap[:, :3].max()) < 1e-4
+    assert float(gap[:, 6:].max()) < 1e-7
+    # the car did move, and the strapdown with it
+    assert float(state_difference(path, d.truth)[-1, :3].norm()) < 0.2
+    assert float(d.truth.v_l[-1].norm()) > 3.0

@@ -173,7 +173,7 @@ def test_odometer_and_axle_keep_their_interval(make_clean, lever_arm):
 
 @pytest.mark.parametrize("method", ["exact", "sequential"])
 def test_a_wild_fix_is_refused(make_drive, lever_arm, method):
-    d = make_drive(seconds=16, rate=25)
+    d = make_drive(seconds=14, rate=10)
     lat, lon, height = (x.clone() for x in d.fixes[:3])
     lat[8], lon[8], height[8] = shift_geodetic(
         lat[8], lon[8], height[8], *torch.tensor([60.0, -40.0, 0.0]).double()
