@@ -128,6 +128,8 @@ class InsFilterRuns:
             navigator = InsNavigator(InsNavigatorOptions(filter=chosen))
             line = imu_timeline_of(log, self.recipe)
             start = stated_start(log)
-            run = navigator.run(line.samples, line.fixes, line.timing, alignment=start)
+            run = navigator.run(
+                line.samples, line.fixes, line.timing, alignment=start, bridged=line.bridged
+            )
             self._made[key] = (line, navigator, run)
         return self._made[key]

@@ -11,10 +11,13 @@ from navlearn.experiment.ins_filter_runs import (
     stated_start,
 )
 from navlearn.experiment.solution_tables import ins_solution_table, with_deviations
-from navlearn.fusion.ins_dead_reckoning import ins_dead_reckoning_start
+from navlearn.fusion.ins_dead_reckoning import (
+    InsDeadReckoningOptions,
+    ins_dead_reckoning_start,
+)
 from navlearn.logs.drive_log import DriveLog
 from navlearn.logs.imu_timeline import ImuTimeline
-from navlearn.mechanization.ins_alignment_result import InsAlignment
+from navlearn.mechanization.ins_alignment_result import InsAlignment, InsAlignmentOptions
 from navlearn.mechanization.strapdown_parallel import strapdown_over_time
 from navlearn.outages.replay import Solution
 from navlearn.outages.schedule import Outage
@@ -72,7 +75,14 @@ class InsDeadReckoning:
         line, stated = imu_timeline_of(log, self.recipe), stated_start(log)
         if stated is not None and not bool(line.fixes.has_velocity.any()):
             return _free_from(stated, line, outage)
-        start = ins_dead_reckoning_start(line.samples, line.fixes, line.timing)
+        arm = ins_filter_options(self.recipe, log=log).lever_arm
+        start = ins_dead_reckoning_start(
+            line.samples,
+            line.fixes,
+            line.timing,
+            InsDeadReckoningOptions(alignment=InsAlignmentOptions(lever_arm=arm)),
+            bridged=line.bridged,
+        )
         after = slice(start.sample + 1, None)
         samples = ImuSample(*(channel[after] for channel in line.samples))
         path = strapdown_over_time(
