@@ -12,6 +12,7 @@ from navlearn.attitude import (
     quaternion_multiply,
 )
 from navlearn.errors import ShapeError
+from navlearn.mechanization import preintegration_window
 from navlearn.mechanization.coning import velocity_at_start
 from navlearn.mechanization.preintegration import (
     Preintegrated,
@@ -186,6 +187,41 @@ def test_noise_may_be_told_once_per_window_or_per_sample() -> None:
             omega[k], force[k], dt[k], gyro_random_walk=walk, accel_random_walk=float(walk)
         )
         torch.testing.assert_close(found.covariance[k], alone.covariance)
+
+
+def test_turning_adds_its_mean_square_to_the_noise() -> None:
+    omega, force, dt = samples(3, 40)
+    dt[2, 30:] = 0.0
+    found = preintegrate(omega, force, dt, gyro_random_walk=0.01, turn_noise=0.2)
+    mean = ((omega * omega).sum(-1) * dt).sum(-1) / dt.sum(-1)
+    told = preintegrate(omega, force, dt, gyro_random_walk=torch.sqrt(0.01**2 + 0.2**2 * mean))
+    torch.testing.assert_close(found.covariance, told.covariance)
+    assert float(found.covariance[0, 8, 8]) > 2.0 * 0.01**2 * 0.4
+
+
+def test_a_few_windows_at_a_time_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    omega, force, dt = (x.view(2, 3, *x.shape[1:]) for x in samples(6, 20))
+    bias = torch.tensor([0.01, -0.02, 0.03], dtype=float64)
+    noise = torch.tensor([[0.1], [0.2]], dtype=float64).expand(2, 3)
+    per_sample = noise.unsqueeze(-1).expand(2, 3, 20)
+
+    def run() -> Preintegrated:
+        return preintegrate(
+            omega,
+            force,
+            dt,
+            gyro_random_walk=per_sample,
+            accel_random_walk=noise,
+            gyro_bias=bias * torch.ones(2, 3, 1, dtype=float64),
+            accel_scale=bias,
+            scale_factors=True,
+        )
+
+    whole = run()
+    monkeypatch.setattr(preintegration_window, "TOGETHER", 40)
+    for one, other in zip(run(), whole, strict=True):
+        torch.testing.assert_close(one, other)
+    assert whole.by_sensor.shape == (2, 3, 9, 12)
 
 
 @pytest.mark.slow

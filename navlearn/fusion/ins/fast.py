@@ -4,8 +4,8 @@ The samples of all blocks are preintegrated side by side. A pass carries every b
 increments from the present guess of its start, linearises there, and runs one linear Kalman
 filter, parallel in time, over all blocks; where the guess is what the filter returns, that is the
 closed-loop filter itself. Increments follow new sensor parameters to first order until the passes
-are near, and are then summed up again at those found. Gradients of two passes are those of the loop
-to a few thousandths at worst, where innovations are large.
+are near, and are then summed up again at those found, unless nothing would change. Gradients of two
+passes are those of the loop to a few thousandths at worst, where innovations are large.
 """
 
 import math
@@ -17,7 +17,7 @@ from navlearn.filters.ins_belief import InsBelief, map_ins_belief
 from navlearn.fusion.convergence import solved
 from navlearn.fusion.gated_pass import Behind, Linearised, filtered_behind_gate
 from navlearn.fusion.ins.composed import has_closed_form
-from navlearn.fusion.ins.fast_blocks import Sums, predicted, summed
+from navlearn.fusion.ins.fast_blocks import Sums, left_by_first_order, predicted, summed
 from navlearn.fusion.ins.first_guess import first_ins_guess
 from navlearn.fusion.ins.history import InsHistory
 from navlearn.fusion.ins.layout import moved_belief, state_difference
@@ -39,6 +39,9 @@ ROUGHLY = 0.03
 NEAR = (5.0, 0.1)
 """Largest moves of velocity, m/s, and attitude, rad, in a pass after which increments are summed
 up again and the gate's verdicts are taken over; position changes neither."""
+
+LEFT = 1e-6
+"""What following new sensor parameters to first order may leave of a block's velocity, m/s."""
 
 
 def run_ins_fast(
@@ -112,7 +115,8 @@ class _Passes:
             return self._run(guess, self.with_gradient, verdict, rounds)
         self.with_gradient = None
         if self.near and not self.settled:
-            self.sums = summed(self.model, guess.sensor, self.line.samples, self.noise)
+            if left_by_first_order(self.sums, guess.sensor) > LEFT:
+                self.sums = summed(self.model, guess.sensor, self.line.samples, self.noise)
             self.settled = True
         return self._run(guess, self.sums, verdict, rounds)
 

@@ -59,6 +59,21 @@ def summed(model: InsFilterModel, sensor: Tensor, samples: ImuSample, noise: Ins
     return Sums(preintegrated(model, held, samples, noise), held)
 
 
+def left_by_first_order(sums: Sums, sensor: Tensor) -> float:
+    """Return what is wrong with the velocity of the worst block, m/s, to second order.
+
+    Args:
+        sums: Sums with other sensor parameters taken off.
+        sensor: Sensor parameters that increments are to follow, shape (B, K, m).
+    """
+    known = sums.pre.by_sensor.shape[-1]
+    change = (sensor - sums.sensor)[..., :known].unsqueeze(-1)
+    moved = (sums.pre.by_sensor @ change).squeeze(-1)
+    turn, push = moved[..., 6:].norm(dim=-1), moved[..., 3:6].norm(dim=-1)
+    left = turn * (0.5 * turn * sums.pre.velocity.norm(dim=-1) + push)
+    return float(left.detach().amax())
+
+
 def predicted(model: InsFilterModel, begin: InsBelief, sums: Sums, noise: InsNoise) -> Ahead:
     """Predict and linearise all blocks.
 
