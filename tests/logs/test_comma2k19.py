@@ -213,3 +213,5 @@ def test_published_segment_is_levelled(data_folder):
     reference = read_log(DATASETS / "comma2k19_example.yaml").reference
     slope = np.arctan2(reference["v_u"], np.hypot(reference["v_e"], reference["v_n"]))
     assert abs(np.degrees(np.median(reference["pitch"] - slope))) < 0.5
+    course = np.arctan2(reference["v_e"], reference["v_n"])
+    assert abs(np.degrees(np.median(np.sin(reference["azimuth"] - course)))) < 0.2
