@@ -1,6 +1,7 @@
 """Every file of training/, models/ and datasets/ is opened, and every recipe runs one step."""
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -11,9 +12,17 @@ from navlearn.experiment.sweep import run_sweep
 from navlearn.logs.descriptor import load_descriptor
 from navlearn.logs.reading import read_log
 from navlearn.recipe import AnarxSpec, Recipe, load_recipe, load_spec
+from navlearn.recipe.sections import LogSource
 from navlearn.recipe.spec_base import SafeguardSpec
 from navlearn.recipe.strict import parse
-from navlearn.recipe.sweep import DegradedDrives, SweepRecipe, is_sweep, load_sweep
+from navlearn.recipe.sweep import (
+    DegradedDrives,
+    RecordedDrives,
+    SimulatedDrives,
+    SweepRecipe,
+    is_sweep,
+    load_sweep,
+)
 
 ROOT = Path(__file__).resolve().parents[1]
 SWEEPS = sorted(path for path in (ROOT / "training").glob("*.yaml") if is_sweep(path))
@@ -27,28 +36,50 @@ def named(paths: list[Path]) -> pytest.MarkDecorator:
 
 
 def cut_to_one_step(recipe: Recipe) -> Recipe:
-    """Return the recipe with one outage and models that hardly train."""
-    specs = [spec.model_copy(update={"max_iterations": 1, "starts": 1}) for spec in recipe.models]
-    times = recipe.outages.times_s
-    one = {"count": 1, "times_s": times[:1] if times else None}
-    outages = recipe.outages.model_copy(update=one)
-    return recipe.model_copy(update={"models": tuple(specs), "outages": outages})
+    """Return the recipe with one outage, models that hardly train, and a simulation cut short."""
+    content = recipe.resolved()
+    del content["versions"]
+    _hardly_training(content["models"])
+    times = content["outages"]["times_s"]
+    content["outages"] |= {"count": 1, "times_s": times[:1] if times else None}
+    if recipe.log.simulated is not None:
+        content["log"]["simulated"] |= {"duration_s": 500.0, "imu_rate_hz": 20.0, "seed": 11}
+    return parse(Recipe, content, file=recipe.name)
 
 
 def cut_to_one_drive(sweep: SweepRecipe) -> SweepRecipe:
-    """Return the sweep with one outage on one drive, which is none of those that are scored."""
+    """Return the sweep with one outage on one drive, which is none of the simulated scored ones."""
     content = sweep.resolved()
     del content["versions"]
-    length = {} if isinstance(sweep.sweep, DegradedDrives) else {"duration_s": 1000.0}
-    content["sweep"] |= {"grades": ["mems_l"], "drives": 1, "first_seed": 11, **length}
-    content["sweep"]["durations_s"] = [60.0]
-    by_grade = content["filter_by_grade"]
-    content["filter_by_grade"] = {name: by_grade[name] for name in by_grade if name == "mems_l"}
+    drives = content["sweep"]
+    if isinstance(sweep.sweep, RecordedDrives):
+        drives |= {"logs": drives["logs"][1:2], "durations_s": drives["durations_s"][:1]}
+    else:
+        drives |= {"drives": 1, "first_seed": 11, "durations_s": drives["durations_s"][:1]}
+    if isinstance(sweep.sweep, SimulatedDrives | DegradedDrives):
+        drives |= {"grades": ["mems_l"], "durations_s": [60.0]}
+    if isinstance(sweep.sweep, SimulatedDrives):
+        drives |= {"duration_s": 1000.0}
+    for name in ("filter_by_grade", "ins_filter_by_grade"):
+        content[name] = {key: one for key, one in content[name].items() if key == "mems_l"}
     content["outages"]["count"] = 1
-    for model in content["models"]:
-        if model.get("type") == "anarx":
-            model |= {"max_iterations": 1, "starts": 1}
+    _hardly_training(content["models"])
     return parse(SweepRecipe, content, file=sweep.name)
+
+
+def _hardly_training(models: list[dict[str, Any]]) -> None:
+    for model in models:
+        if model.get("type") in ("anarx", "ins_anarx"):
+            model |= {"max_iterations": 1, "starts": 1}
+
+
+def log_of(source: LogSource) -> None:
+    """Skip the test where a log is not here."""
+    if source.descriptor is not None:
+        try:
+            read_log(source.descriptor)
+        except LogNotFoundError as problem:
+            pytest.skip(f"the log is not here: {problem}")
 
 
 def test_there_is_something_to_open() -> None:
@@ -83,9 +114,11 @@ def test_sweep_parses_and_names_what_exists(path: Path) -> None:
     sweep = load_sweep(path)
     assert sweep.name == path.stem
     assert sweep.question.endswith("?")
-    if isinstance(sweep.sweep, DegradedDrives):
-        assert sweep.sweep.log.descriptor is not None
-        assert sweep.sweep.log.descriptor.is_file()
+    logs = (sweep.sweep.log,) if isinstance(sweep.sweep, DegradedDrives) else ()
+    logs = sweep.sweep.logs if isinstance(sweep.sweep, RecordedDrives) else logs
+    for log in logs:
+        assert log.descriptor is not None
+        assert log.descriptor.is_file()
 
 
 @named(SPECS)
@@ -113,31 +146,26 @@ def test_descriptor_parses(path: Path) -> None:
     assert descriptor.name == path.stem
 
 
-# ekf_plain is meant to be wrong about its gyro, and the filter says so.
-@pytest.mark.filterwarnings("ignore:filter. .*NIS:UserWarning")
+# Filters without a gyro bias or in open loop are meant to be wrong, and say so.
+@pytest.mark.filterwarnings("ignore:filter. :UserWarning")
 @named(RECIPES)
 def test_recipe_runs_one_step(path: Path, tmp_path: Path) -> None:
     recipe = cut_to_one_step(load_recipe(path))
-    assert recipe.log.descriptor is not None
-    try:
-        read_log(recipe.log.descriptor)
-    except LogNotFoundError as problem:
-        pytest.skip(f"the log is not here: {problem}")
+    log_of(recipe.log)
     result = run_recipe(recipe, tmp_path / "run", progress=False)
     assert list(result.table["method"]) == list(recipe.methods)
     assert (result.table["max_horizontal_error_m"] > 0.0).all()
     assert load_recipe(result.folder / "recipe.yaml") == recipe
 
 
+@pytest.mark.filterwarnings("ignore:filter. :UserWarning")
 @named(SWEEPS)
 def test_sweep_runs_one_drive(path: Path, tmp_path: Path) -> None:
     sweep = cut_to_one_drive(load_sweep(path))
     if isinstance(sweep.sweep, DegradedDrives):
-        assert sweep.sweep.log.descriptor is not None
-        try:
-            read_log(sweep.sweep.log.descriptor)
-        except LogNotFoundError as problem:
-            pytest.skip(f"the log is not here: {problem}")
+        log_of(sweep.sweep.log)
+    if isinstance(sweep.sweep, RecordedDrives):
+        log_of(sweep.sweep.logs[0])
     result = run_sweep(sweep, tmp_path / "run", progress=False)
     assert result.failures == ()
     assert list(result.table["method"]) == list(sweep.methods)

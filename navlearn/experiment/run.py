@@ -15,22 +15,22 @@ import yaml
 from navlearn.error_models.storage import save_error_model
 from navlearn.errors import ConfigError, LogNotFoundError
 from navlearn.experiment.baselines import PLAIN, filter_options
-from navlearn.experiment.drive import Drive, prepare_drive, sensor_truth_of
-from navlearn.experiment.ins_filter_runs import InsFilterRuns
-from navlearn.experiment.ins_observability import observability_chapter
+from navlearn.experiment.drive import prepare_drive, sensor_truth_of
 from navlearn.experiment.learned import Learned
 from navlearn.experiment.methods import build_methods
 from navlearn.experiment.oracles import GYRO_ORACLES, Truth, truth_for
+from navlearn.experiment.run_chapters import run_chapters
 from navlearn.experiment.summary import run_summary
 from navlearn.export.example import save_example
+from navlearn.outages.fit_diagnostics import FitDiagnostics
 from navlearn.outages.maps import Scene
 from navlearn.outages.output import OutputFolder, prepare_output_folder
 from navlearn.outages.replay import replay
 from navlearn.outages.results import write_results
-from navlearn.outages.run_summary import Chapter
 from navlearn.outages.tables import summary_content
 from navlearn.recipe import Recipe
 from navlearn.recipe.fixed_methods import FIXED_METHODS
+from navlearn.recipe.ins_anarx_spec import InsAnarxSpec
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,10 +55,17 @@ def check_recipe(recipe: Recipe) -> None:
         recipe: The recipe.
 
     Raises:
-        ConfigError: The filter's model has no plain mechanization.
+        ConfigError: The filter's model has no plain mechanization, or its errors are not fed back.
     """
-    if recipe.models and filter_options(recipe).has_velocity_states:
-        names = ", ".join(spec.name for spec in recipe.models)
+    full = [spec for spec in recipe.models if isinstance(spec, InsAnarxSpec)]
+    coasting = [spec.name for spec in full if spec.mode == "sound"]
+    if coasting and recipe.ins_filter.get("feedback") == "open":
+        raise ConfigError(
+            f"recipe {recipe.name}: {', '.join(coasting)} learns how the filter's own estimate "
+            "coasts, which an open loop never takes up; leave ins_filter.feedback closed"
+        )
+    names = ", ".join(spec.name for spec in recipe.models if spec not in full)
+    if names and filter_options(recipe).has_velocity_states:
         raise ConfigError(
             f"recipe {recipe.name}: {names} corrects a mechanization, but the filter's model "
             f"{recipe.filter['model']} carries velocity as a state; take another filter model or "
@@ -96,7 +103,8 @@ def run_recipe(
     text = yaml.safe_dump(resolved, sort_keys=False, allow_unicode=True)
     output.claim("recipe.yaml").write_text(text, encoding="utf-8")
     torch.manual_seed(recipe.seed)
-    methods = build_methods(recipe, partial(save_learned, output), truth)
+    fits: dict[str, FitDiagnostics] = {}
+    methods = build_methods(recipe, partial(save_learned, output), truth, diagnose=fits.__setitem__)
     found = replay(
         drive.log,
         drive.placement.outages,
@@ -107,19 +115,12 @@ def run_recipe(
     )
     summary = replace(
         run_summary(recipe, drive, found, resolved["versions"], output.path),
-        chapters=_chapters(recipe, drive, output),
+        chapters=run_chapters(recipe, drive, fits, output),
     )
     scene = Scene(log=drive.log, outages=drive.placement.outages, replay=found)
     summary = write_results(output, summary, [scene])
     output.finish()
     return RunResult(folder=output.path, table=summary.rows, summary=summary_content(summary))
-
-
-def _chapters(recipe: Recipe, drive: Drive, output: OutputFolder) -> tuple[Chapter, ...]:
-    """Write what the report tells beside the comparison, and return its chapters."""
-    if not recipe.observability:
-        return ()
-    return (observability_chapter(InsFilterRuns(recipe), drive, output),)
 
 
 def method_settings(

@@ -1,0 +1,55 @@
+"""What the report of one drive's run tells beside the comparison of its methods."""
+
+from collections.abc import Mapping
+
+import numpy as np
+import torch
+
+from navlearn.experiment.drive import Drive
+from navlearn.experiment.ins_filter_runs import InsFilterRuns
+from navlearn.experiment.ins_observability import observability_chapter
+from navlearn.frames import ecef_from_geodetic
+from navlearn.logs.drive_log import DriveLog
+from navlearn.outages.fit_diagnostics import FitDiagnostics, fit_section
+from navlearn.outages.fit_plots import write_fit_diagnostics
+from navlearn.outages.output import OutputFolder
+from navlearn.outages.run_summary import Chapter
+from navlearn.recipe import Recipe
+
+
+def run_chapters(
+    recipe: Recipe, drive: Drive, fits: Mapping[str, FitDiagnostics], output: OutputFolder
+) -> tuple[Chapter, ...]:
+    """Write what a run tells beside the comparison, and return the chapters of its report.
+
+    Args:
+        recipe: The recipe.
+        drive: Its drive.
+        fits: Diagnostics of the last fit of each network on a full IMU's position error, by name;
+            solutions that an interrupted run had already made bring none.
+        output: The run's folder.
+    """
+    chapters = []
+    if fits:
+        chapters.append(_fit_chapter(drive.log, fits, output))
+    if recipe.observability:
+        chapters.append(observability_chapter(InsFilterRuns(recipe), drive, output))
+    return tuple(chapters)
+
+
+def _fit_chapter(
+    log: DriveLog, fits: Mapping[str, FitDiagnostics], output: OutputFolder
+) -> Chapter:
+    judged = [_with_reference(one, log) for one in fits.values()]
+    figures = write_fit_diagnostics(output, judged)
+    return Chapter(section=tuple(fit_section(judged)), figures=figures)
+
+
+def _with_reference(one: FitDiagnostics, log: DriveLog) -> FitDiagnostics:
+    """Return diagnostics with the reference, by which a path along Earth-fixed axes is judged."""
+    known = log.reference
+    if known is None or "height" not in known:
+        return one
+    known = known.dropna(subset=["lat", "lon", "height"])
+    place = (torch.tensor(known[name].to_numpy(np.float64)) for name in ("lat", "lon", "height"))
+    return one.with_truth(known["t"].to_numpy(np.float64), ecef_from_geodetic(*place).numpy())
