@@ -12,7 +12,7 @@ from torch import Tensor
 
 from navlearn import wgs84
 
-NODES = 512
+NODES = 128
 """Nodes of a chunk that is long enough."""
 
 

@@ -15,13 +15,10 @@ from torch import Tensor
 from navlearn.mechanization.strapdown_chunk import Chunk, move_chunk
 
 CHUNK_ELEMENTS = 16384
-"""Samples of all records together in one chunk."""
+"""Samples in one chunk: of one record, or of as many as are short enough."""
 
 CHUNK_DURATION = 300.0
 """Longest chunk, s: in longer ones the corrections of gravity settle slowly."""
-
-SHORTEST = 64
-"""Fewest samples of a record in one chunk."""
 
 
 class Piece(NamedTuple):
@@ -62,8 +59,7 @@ def chunk_count(dt: Tensor) -> int:
     if records == 0 or length == 0:
         return 1
     duration = float(dt.detach().sum(-1).amax())
-    size = max(CHUNK_ELEMENTS // records, SHORTEST)
-    return max(-(-length // size), math.ceil(duration / CHUNK_DURATION), 1)
+    return max(-(-length // CHUNK_ELEMENTS), math.ceil(duration / CHUNK_DURATION), 1)
 
 
 def pieces(dt: Tensor, count: int) -> Iterator[list[Piece]]:

@@ -32,8 +32,7 @@ def _sensor_errors(records: int) -> dict[str, torch.Tensor]:
 @pytest.fixture
 def small_chunks(monkeypatch):
     """Cut time and records so finely that short records cross chunks."""
-    monkeypatch.setattr(strapdown_chunks, "CHUNK_ELEMENTS", 150)
-    monkeypatch.setattr(strapdown_chunks, "SHORTEST", 40)
+    monkeypatch.setattr(strapdown_chunks, "CHUNK_ELEMENTS", 90)
 
 
 @pytest.mark.parametrize("gradient", ["recompute", "tape"])
