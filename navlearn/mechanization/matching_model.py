@@ -96,10 +96,9 @@ class Window:
         """Return what accelerates a body besides specific force, m/s², shape (T, 3)."""
         v_l = _interpolated(self.fixes, self.samples.dt)
         frame = level_rate(self.lat, self.height, v_l) + earth.earth_rate_enu(self.lat)
-        down = torch.stack(
-            (*torch.zeros(2).to(self.lat), -earth.normal_gravity(self.lat, self.height))
-        )
-        return down - torch.linalg.cross(frame, v_l)
+        held: Tensor = -torch.linalg.cross(frame, v_l)
+        gravity = earth.normal_gravity(self.lat, self.height)
+        return torch.stack((held[:, 0], held[:, 1], held[:, 2] - gravity), -1)
 
     def predict(self, guess: Guess) -> Prediction:
         """Return what a guess predicts, and how errors of the guess change it.
