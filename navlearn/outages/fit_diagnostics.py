@@ -193,9 +193,9 @@ def fit_section(diagnostics: Sequence[FitDiagnostics]) -> list[str]:
             str(row["part"]),
             str(row["count"]),
             f"{row['mean']:+.2e}",
-            _metres(row["rms"]),
-            _metres(row.get("rms_unchanged")),
-            "" if pd.isna(row.get("r")) else f"{row['r']:.4f}",
+            _figure(row["rms"], ".4g"),
+            _figure(row.get("rms_unchanged"), ".4g"),
+            _figure(row.get("r"), ".5f"),
         )
         for row in every.to_dict("records")
     ]
@@ -229,5 +229,6 @@ def fit_section(diagnostics: Sequence[FitDiagnostics]) -> list[str]:
     return out
 
 
-def _metres(value: object) -> str:
-    return "" if value is None or pd.isna(value) else f"{value:.4g}"
+def _figure(value: float | None, form: str) -> str:
+    """Return a figure, or nothing where there is none."""
+    return "" if value is None or not np.isfinite(value) else format(value, form)
