@@ -45,12 +45,12 @@ class AxisDiagnostics:
     at_fix: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
-        others = (self.predicted, self.unchanged, self.part)
-        others += () if self.at_fix is None else (self.at_fix,)
-        if any(other.shape != self.target.shape for other in others) or self.target.ndim != 1:
+        at_fix = () if self.at_fix is None else (self.at_fix.shape,)
+        found = (self.predicted.shape, self.unchanged.shape, self.part.shape, *at_fix)
+        if any(shape != self.target.shape for shape in found) or self.target.ndim != 1:
             raise ShapeError(
                 f"diagnostics of {self.axis}: shapes {self.target.shape} and "
-                f"{[other.shape for other in others]}; expected a value of each per row"
+                f"{found}; expected a value of each per row"
             )
 
 
