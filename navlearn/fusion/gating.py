@@ -200,18 +200,23 @@ def _judged_column(
     ``led`` tells whether the anchor resets, None without it; ``alone`` whether the kind is not
     listened to where it does.
     """
+    # plain numbers: members of an enumeration cost most of such a loop
+    accepted, gate, opened_up = (
+        int(v) for v in (Verdict.ACCEPTED, Verdict.REFUSED_BY_GATE, Verdict.ACCEPTED_BY_RESET)
+    )
+    absent = int(Verdict.ABSENT)
     verdicts, counts = [], []
     for wild, seen, leader in zip(beyond, there, led, strict=True):
-        verdict = Verdict.ABSENT
+        verdict = absent
         if seen:
-            verdict = Verdict.ACCEPTED
-            reset = refused >= reset_after if leader is None else leader
+            verdict = accepted
             if wild:
-                verdict = Verdict.ACCEPTED_BY_RESET if reset else Verdict.REFUSED_BY_GATE
-            refused = refused + 1.0 if verdict == Verdict.REFUSED_BY_GATE else 0.0
+                reset = refused >= reset_after if leader is None else leader
+                verdict = opened_up if reset else gate
+            refused = refused + 1.0 if verdict == gate else 0.0
             if leader and alone:
-                verdict, refused = Verdict.REFUSED_BY_GATE, 0.0
-        verdicts.append(int(verdict))
+                verdict, refused = gate, 0.0
+        verdicts.append(verdict)
         counts.append(refused)
     return verdicts, counts
 

@@ -33,7 +33,7 @@ from navlearn.fusion.updates import Measured
 TOLERANCE = 5e-3
 """Largest move of a block's start in the last pass, m; the next would move a 50th of it."""
 
-ROUGHLY = 0.03
+ROUGHLY = 0.3
 """The same before passes with gradients, each of which converges too, m."""
 
 NEAR = (5.0, 0.1)
