@@ -77,8 +77,10 @@ def local_level_in_turn(
         dt: Length of the intervals, s, shape (..., T).
 
     Returns:
-        States at the ends, shape (..., T) each.
+        States at the ends, shape (..., T) each, of the start's type.
     """
+    dtype = start.lat.dtype
+    rotation, velocity, dt = rotation.to(dtype), velocity.to(dtype), dt.to(dtype)
     state = start
     lat: list[Tensor] = []
     lon: list[Tensor] = []
@@ -116,7 +118,7 @@ def strapdown_in_turn(
     Args:
         start: State before the first interval, shape (...) each.
         samples: Samples, shape (..., T) each; intervals of dt = 0 move nothing. Speed and
-            standstill are not looked at.
+            standstill are not looked at; float32 serves for increments, states stay float64.
         gyro_bias: Gyro bias, rad/s, shape (..., 3) or (..., T, 3); None means zero.
         accel_bias: Accelerometer bias, m/s², shape likewise; None means zero.
         gyro_scale: Relative error of the gyros, shape likewise; None means zero.

@@ -81,8 +81,10 @@ def ecef_in_turn(start: EcefState, rotation: Tensor, velocity: Tensor, dt: Tenso
         dt: Length of the intervals, s, shape (..., T).
 
     Returns:
-        States at the ends, shape (..., T) each.
+        States at the ends, shape (..., T) each, of the start's type.
     """
+    dtype = start.position.dtype
+    rotation, velocity, dt = rotation.to(dtype), velocity.to(dtype), dt.to(dtype)
     state = start
     r: list[Tensor] = []
     v: list[Tensor] = []
@@ -109,7 +111,8 @@ def strapdown_ecef_in_turn(
 
     Args:
         start: State before the first interval, shape (...) each.
-        samples: Samples, shape (..., T) each; intervals of dt = 0 move nothing.
+        samples: Samples, shape (..., T) each; intervals of dt = 0 move nothing;
+            float32 serves for increments, states stay float64.
         gyro_bias: Gyro bias, rad/s, shape (..., 3) or (..., T, 3); None means zero.
         accel_bias: Accelerometer bias, m/s², shape likewise; None means zero.
         gyro_scale: Relative error of the gyros, shape likewise; None means zero.

@@ -47,7 +47,7 @@ def strapdown_over_time(
     Args:
         start: State before the first interval, shape (...) each.
         samples: Samples, shape (..., T) each; intervals of dt = 0 move nothing. Speed and
-            standstill are not looked at.
+            standstill are not looked at; float32 serves for increments, states stay float64.
         gyro_bias: Gyro bias, rad/s, shape (..., 3) or (..., T, 3); None means zero.
         accel_bias: Accelerometer bias, m/s², shape likewise; None means zero.
         gyro_scale: Relative error of the gyros, shape likewise; None means zero.
@@ -92,6 +92,8 @@ def local_level_over_time(
     """
     check_channels("local_level_over_time", rotation, velocity, dt)
     check_start("local_level_over_time", start, dt)
+    # what accumulates must not be float32, which rounds positions to half a metre
+    rotation, velocity, dt = (x.to(start.lat.dtype) for x in (rotation, velocity, dt))
     shape = dt.shape
     records, length = shape[:-1].numel(), shape[-1]
     flat = dt.reshape(records, length)

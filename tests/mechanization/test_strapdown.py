@@ -183,3 +183,20 @@ def test_wrong_starts_are_refused_with_advice(imu_drive, ins_start, run):
         run(InsState(*(x.float() for x in ins_start(2))), imu_drive(2, 5))
     with pytest.raises(ShapeError, match=r"start.position has shape \(3, 3\)"):
         strapdown_ecef_in_turn(to_ecef(ins_start(3)), imu_drive(2, 5))
+
+
+def _ecef(start: InsState, samples: ImuSample) -> InsState:
+    return from_ecef(strapdown_ecef_in_turn(to_ecef(start), samples))
+
+
+@pytest.mark.parametrize("run", [strapdown_in_turn, strapdown_over_time, _ecef])
+def test_samples_in_float32_move_a_state_in_float64(imu_drive, ins_start, run):
+    """Only the increments are rounded; a state in float32 would be rounded to decimetres."""
+    coarse = ImuSample(*(x.float() for x in imu_drive(2, 500)))
+    fine = ImuSample(*(x.double() for x in coarse))
+    found, expected = run(ins_start(2), coarse), run(ins_start(2), fine)
+    assert {x.dtype for x in found} == {torch.float64}
+    position, velocity, angle = largest(found, expected)
+    assert position < 5e-3
+    assert velocity < 5e-4
+    assert angle < 5e-6
