@@ -1,9 +1,12 @@
 """Prefix products of many quaternions, few operations and none of them small.
 
-Records are cut into rows of sixteen: the products inside all rows are formed step by step, side by
-side; those of whole rows are the same task again, a sixteenth as long; then both are joined.
-What is left of a few hundred is done by doubling. Channels lie as separate tensors.
+Records are cut into rows of sixteen (short ones of √n): the products inside all rows are formed
+step by step, side by side; those of whole rows are the same task again, a sixteenth as long; then
+both are joined. What is left of a few hundred is done by doubling. Channels lie as separate
+tensors.
 """
+
+import math
 
 import torch
 from torch import Tensor
@@ -11,7 +14,7 @@ from torch import Tensor
 Quaternion = tuple[Tensor, Tensor, Tensor, Tensor]
 
 ROW = 16
-"""Quaternions that are multiplied one after another."""
+"""Quaternions that are multiplied one after another, at most."""
 
 FEW = 1024
 """Elements up to which doubling costs less than rows."""
@@ -50,17 +53,19 @@ def scanned_products(turns: Quaternion) -> Quaternion:
     records, n = turns[0].shape
     if n <= 1:
         return _of([x.clone() for x in turns])
-    if records * n <= FEW:
+    if records * n <= FEW or n <= ROW:
         return _doubled(turns)
-    rows = -(-n // ROW)
-    laid = [_laid(x, rows, 1.0 if k == 0 else 0.0) for k, x in enumerate(turns)]
+    size = min(ROW, math.isqrt(n))
+    rows = -(-n // size)
+    laid = [_laid(x, rows, size, 1.0 if k == 0 else 0.0) for k, x in enumerate(turns)]
     inside = [_of([x[0] for x in laid])]
     for step in list(zip(*laid, strict=True))[1:]:
         inside.append(product(inside[-1], _of(step)))
     whole = scanned_products(inside[-1])
     before = _of([_shifted(x, 1.0 if k == 0 else 0.0) for k, x in enumerate(whole)])
-    joined = zip(*(product(before, x) for x in inside), strict=True)
-    return _of([torch.stack(x, -1).view(records, rows * ROW)[:, :n] for x in joined])
+    joined = product(before, _of([torch.stack(x) for x in zip(*inside, strict=True)]))
+    flat = [x.permute(1, 2, 0).reshape(records, rows * size) for x in joined]
+    return _of([x if x.shape[1] == n else x[:, :n].contiguous() for x in flat])
 
 
 def _doubled(turns: Quaternion) -> Quaternion:
@@ -73,13 +78,13 @@ def _doubled(turns: Quaternion) -> Quaternion:
     return turns
 
 
-def _laid(channel: Tensor, rows: int, fill: float) -> tuple[Tensor, ...]:
-    """Return a channel as sixteen tensors (N, rows): what is done at one time lies together."""
+def _laid(channel: Tensor, rows: int, size: int, fill: float) -> tuple[Tensor, ...]:
+    """Return a channel as ``size`` tensors (N, rows): what is done at one time lies together."""
     records, n = channel.shape
-    if rows * ROW > n:
-        channel = torch.nn.functional.pad(channel, (0, rows * ROW - n), value=fill)
+    if rows * size > n:
+        channel = torch.nn.functional.pad(channel, (0, rows * size - n), value=fill)
     steps: tuple[Tensor, ...] = (
-        channel.view(records, rows, ROW).permute(2, 0, 1).contiguous().unbind(0)
+        channel.view(records, rows, size).permute(2, 0, 1).contiguous().unbind(0)
     )
     return steps
 
