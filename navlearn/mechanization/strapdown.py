@@ -74,7 +74,7 @@ def local_level_in_turn(
         start: State before the first interval, shape (...) each.
         rotation: Rotation vectors, rad, shape (..., T, 3); see :func:`local_level_step`.
         velocity: Velocity increments, m/s, shape (..., T, 3).
-        dt: Length of the intervals, s, shape (..., T).
+        dt: Length of the intervals, s, shape (..., T); T may be 0.
 
     Returns:
         States at the ends, shape (..., T) each, of the start's type.
@@ -95,6 +95,14 @@ def local_level_in_turn(
         height.append(state.height)
         v_l.append(state.v_l)
         q_lb.append(state.q_lb)
+    if len(lat) == 0:
+        return InsState(
+            start.lat.unsqueeze(-1)[..., :0],
+            start.lon.unsqueeze(-1)[..., :0],
+            start.height.unsqueeze(-1)[..., :0],
+            start.v_l.unsqueeze(-2)[..., :0, :],
+            start.q_lb.unsqueeze(-2)[..., :0, :],
+        )
     return InsState(
         torch.stack(lat, -1),
         torch.stack(lon, -1),

@@ -78,7 +78,7 @@ def ecef_in_turn(start: EcefState, rotation: Tensor, velocity: Tensor, dt: Tenso
         start: State before the first interval, shape (...) each.
         rotation: Rotation vectors, rad, shape (..., T, 3); see :func:`ecef_step`.
         velocity: Velocity increments, m/s, shape (..., T, 3).
-        dt: Length of the intervals, s, shape (..., T).
+        dt: Length of the intervals, s, shape (..., T); T may be 0.
 
     Returns:
         States at the ends, shape (..., T) each, of the start's type.
@@ -95,6 +95,12 @@ def ecef_in_turn(start: EcefState, rotation: Tensor, velocity: Tensor, dt: Tenso
         r.append(state.position)
         v.append(state.velocity)
         q.append(state.q_eb)
+    if len(r) == 0:
+        return EcefState(
+            start.position.unsqueeze(-2)[..., :0, :],
+            start.velocity.unsqueeze(-2)[..., :0, :],
+            start.q_eb.unsqueeze(-2)[..., :0, :],
+        )
     return EcefState(torch.stack(r, -2), torch.stack(v, -2), torch.stack(q, -2))
 
 

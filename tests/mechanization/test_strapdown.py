@@ -200,3 +200,11 @@ def test_samples_in_float32_move_a_state_in_float64(imu_drive, ins_start, run):
     assert position < 5e-3
     assert velocity < 5e-4
     assert angle < 5e-6
+
+
+@pytest.mark.parametrize("run", [strapdown_in_turn, strapdown_over_time, _ecef])
+def test_a_record_without_samples_has_no_states(imu_drive, ins_start, run):
+    nothing = ImuSample(*(x[:, :0] for x in imu_drive(2, 3)))
+    found = run(ins_start(2), nothing)
+    assert [tuple(x.shape) for x in found] == [(2, 0), (2, 0), (2, 0), (2, 0, 3), (2, 0, 4)]
+    assert {x.dtype for x in found} == {torch.float64}
