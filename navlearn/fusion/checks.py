@@ -11,6 +11,7 @@ from navlearn.errors import FilterDivergedError, LogError, ShapeError
 from navlearn.filters.belief import Belief
 from navlearn.filters.consistency import chi_square_quantile
 from navlearn.filters.ins_belief import InsBelief
+from navlearn.fusion.bounds import check_bounds
 from navlearn.fusion.filter_model import FilterModel
 from navlearn.fusion.gating import Gated
 from navlearn.fusion.history import FilterHistory
@@ -53,11 +54,13 @@ def check_inputs(
 
     Raises:
         ShapeError: If a tensor has the wrong shape or type.
-        LogError: If samples or valid fixes are not finite, or fixes are out of order or range.
+        LogError: If samples or valid fixes are not finite or hold what no drive can
+            (:func:`navlearn.fusion.bounds.check_bounds`), or fixes are out of order or range.
         FilterDivergedError: If the start's covariance is not finite and positive.
     """
     _check_shapes(model, start, samples, fixes, timing)
     check_channels(samples, fixes, timing)
+    check_bounds(samples, fixes, timing, (start.state.lat, start.state.lon))
     check_covariance(start.covariance)
 
 

@@ -301,6 +301,15 @@ def test_errors_name_what_is_wrong(make_drive):
         ekf(belief, d.samples, d.fixes._replace(lat=d.fixes.lat * torch.inf), d.timing)
     with pytest.raises(LogError, match="sort the fixes"):
         ekf(belief, d.samples, d.fixes, d.timing._replace(index=d.timing.index.flip(1)))
+    with pytest.raises(LogError, match=r"samples\.dt of drive 0 is -0\.05 s at sample 0"):
+        ekf(belief, d.samples._replace(dt=-d.samples.dt), d.fixes, d.timing)
+    with pytest.raises(LogError, match=r"timing\.delay of drive 0 is -0\.5 s at fix 0"):
+        ekf(belief, d.samples, d.fixes, d.timing._replace(delay=d.timing.delay - 0.5))
+    with pytest.raises(LogError, match=r"fixes\.std_n of drive 0 is 0 at fix 0"):
+        ekf(belief, d.samples, d.fixes._replace(std_n=0.0 * d.fixes.std_n), d.timing)
+    degrees = belief.state._replace(lon=torch.rad2deg(belief.state.lon))
+    with pytest.raises(LogError, match=r"start\.state\.lon.*math\.radians"):
+        ekf(belief._replace(state=degrees), d.samples, d.fixes, d.timing)
     with pytest.raises(ShapeError, match=r"start\.sensor"):
         ekf(belief._replace(sensor=belief.sensor[:, :1]), d.samples, d.fixes, d.timing)
     with pytest.raises(ShapeError, match="float64"):

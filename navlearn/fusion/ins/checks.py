@@ -6,6 +6,7 @@ from torch import Tensor
 
 from navlearn.errors import LogError
 from navlearn.filters.ins_belief import InsBelief
+from navlearn.fusion.bounds import check_bounds
 from navlearn.fusion.checks import (
     check_beliefs,
     check_channels,
@@ -50,8 +51,8 @@ def check_ins_inputs(
 
     Raises:
         ShapeError: If a tensor has the wrong shape or type.
-        LogError: If samples or valid fixes are not finite or not in SI units, or fixes are out of
-            order or range.
+        LogError: If samples or valid fixes are not finite, not in SI units or hold what no drive
+            can (:func:`navlearn.fusion.bounds.check_bounds`), or fixes are out of order or range.
         FilterDivergedError: If the start's covariance is not finite and positive.
     """
     layout = model.layout
@@ -72,6 +73,7 @@ def check_ins_inputs(
     expected += [(f"fixes.{k}", x, tuple(timing.index.shape)) for k, x in fixes._asdict().items()]
     check_shapes(expected, f"{batch} drives and error states {', '.join(layout.names)}")
     check_channels(samples, fixes, timing)
+    check_bounds(samples, fixes, timing, (start.state.lat, start.state.lon))
     _check_units(samples)
     check_covariance(start.covariance)
 

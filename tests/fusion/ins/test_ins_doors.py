@@ -98,6 +98,52 @@ def test_wrong_shapes_and_types_are_refused(drive):
         run(empty)
 
 
+def at(channel, place, value):
+    changed = channel.clone()
+    changed[place] = value
+    return changed
+
+
+OUT_OF_BOUNDS = [
+    ("samples.dt", 7, -0.04, r"samples\.dt of drive 0 is -0.04 s at sample 7.*sort the samples"),
+    ("samples.dt", 7, 5.0, r"samples\.dt of drive 0 is 5 s at sample 7.*cut the drive at the gap"),
+    ("timing.delay", 3, -0.5, r"timing\.delay of drive 0 is -0.5 s at fix 3; expected -0.04 "),
+    ("timing.delay", 3, 30.0, r"timing\.delay of drive 0 is 30 s at fix 3.*end minus its time"),
+    ("fixes.std_e", 2, -1.0, r"fixes\.std_e of drive 0 is -1 at fix 2.*has_position to 0"),
+    ("fixes.std_u", 2, 0.0, r"fixes\.std_u of drive 0 is 0 at fix 2; expected .* above 0"),
+    ("fixes.std_v", 2, 0.0, r"fixes\.std_v of drive 0 is 0 at fix 2.*has_velocity to 0"),
+    ("fixes.lat", 4, 44.2, r"fixes\.lat of drive 0 is 44.2 at fix 4.*math\.radians"),
+    ("fixes.lon", 4, -76.5, r"fixes\.lon of drive 0 is -76.5 at fix 4.*math\.radians"),
+    ("start.lat", (), 44.2, r"start\.state\.lat of drive 0 is 44.2; expected .*math\.radians"),
+]
+
+
+@pytest.mark.parametrize(("channel", "place", "value", "message"), OUT_OF_BOUNDS)
+def test_what_no_drive_can_hold_is_refused(drive, channel, place, value, message):
+    part, name = channel.split(".")
+    whole = getattr(drive, part)
+    wrong = whole._replace(**{name: at(getattr(whole, name), place, value)})
+    with pytest.raises(LogError, match=message):
+        run(drive._replace(**{part: wrong}))
+
+
+def test_what_is_not_valid_may_be_anything_finite(drive):
+    """No fix, no position, no velocity: their places and deviations are not looked at."""
+    fixes, timing = drive.fixes, drive.timing
+    fixes = fixes._replace(
+        has_position=at(fixes.has_position, 2, 0.0),
+        std_e=at(at(fixes.std_e, 2, 0.0), 0, -1.0),
+        lat=at(at(fixes.lat, 2, 50.0), 0, 99.0),
+        has_velocity=at(fixes.has_velocity, 3, 0.0),
+        std_v=at(fixes.std_v, 3, 0.0),
+    )
+    timing = timing._replace(index=at(timing.index, 0, -1), delay=at(timing.delay, 0, -9.0))
+    # a fix is used at the nearest end of a sample, which may come half a sample early
+    timing = timing._replace(delay=at(timing.delay, 4, -0.02))
+    history = run(drive._replace(fixes=fixes, timing=timing))
+    assert bool(torch.isfinite(history.trajectory.lat).all())
+
+
 def test_fixes_out_of_order_are_refused(drive):
     index = drive.timing.index.flip(0)
     with pytest.raises(LogError, match="sort the fixes by time"):
