@@ -4,6 +4,8 @@ Source: [Groves2013] §2.4.3; the inverse is Bowring's with two passes, exact to
 from the equator to the poles for any height a car reaches.
 """
 
+import math
+
 import torch
 from torch import Tensor
 
@@ -83,11 +85,12 @@ def enu_between(
     """Return how far a position lies east, north and above a nearby one.
 
     First order on the ellipsoid (radii at the mean latitude): a millimetre over 1 km,
-    the size of difference that errors and innovations have.
+    the size of difference that errors and innovations have. Across the antimeridian the way is
+    the short one, whichever longitudes name the places.
 
     Args:
         lat: Latitude, rad, shape (...).
-        lon: Longitude, rad, shape (...).
+        lon: Longitude, rad, any number of turns, shape (...).
         height: Height, m, shape (...).
         lat_0: Latitude of the origin, rad, shape (...).
         lon_0: Longitude of the origin, rad, shape (...).
@@ -99,7 +102,10 @@ def enu_between(
     mid_lat, mid_height = 0.5 * (lat + lat_0), 0.5 * (height + height_0)
     north = (lat - lat_0) * (earth.meridian_radius(mid_lat) + mid_height)
     radius = (earth.prime_vertical_radius(mid_lat) + mid_height) * torch.cos(mid_lat)
-    return (lon - lon_0) * radius, north, height - height_0
+    around = lon - lon_0
+    # exact, and quicker than a remainder, where there is no turn to take off
+    turns = torch.round(around * (0.5 / math.pi))
+    return torch.sub(around, turns, alpha=2.0 * math.pi) * radius, north, height - height_0
 
 
 def shift_geodetic(

@@ -123,3 +123,18 @@ def test_functions_differentiate():
         return lat, lon, height / 1e6
 
     assert torch.autograd.gradcheck(back, ecef)
+
+
+def test_a_way_across_the_antimeridian_is_short_and_differentiable():
+    lat, height, far = _t(-0.3, -0.3, 0.5), _t(0.0, 10.0, 0.0), math.pi
+    lon, lon_0 = _t(-far + 1e-5, far - 1e-5, -1.0), _t(far - 1e-5, -far + 1e-5, 2 * far - 1.0)
+    east, north, up = frames.enu_between(lat, lon, height, lat, lon_0, height)
+    expected = frames.enu_between(lat, _t(2e-5, -2e-5, 0.0), height, lat, _t(0.0, 0.0, 0.0), height)
+    torch.testing.assert_close(
+        torch.stack((east, north, up)), torch.stack(expected), atol=1e-8, rtol=0
+    )
+    a, b = (x.clone().requires_grad_() for x in (lon, lon_0))
+    frames.enu_between(lat, a, height, lat, b, height)[0].sum().backward()
+    radius = (earth.prime_vertical_radius(lat) + height) * torch.cos(lat)
+    torch.testing.assert_close(a.grad, radius)
+    torch.testing.assert_close(b.grad, -radius)

@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from navlearn import wgs84
+from navlearn.attitude import wrap_angle
 from navlearn.filters.belief import Belief
 from navlearn.fusion.filter_model import FilterModel
 from navlearn.fusion.timeline import Timeline
@@ -47,7 +48,7 @@ def first_guess(model: FilterModel, start: Belief, line: Timeline) -> Belief:
     turn = (rate * samples.dt).sum(-1).detach()
     azimuth = state.azimuth.detach().unsqueeze(1) + torch.cumsum(turn, 1) - turn
     way = (samples.speed * samples.dt).sum(-1).detach()
-    azimuth = azimuth + _drift(azimuth + 0.5 * turn, way, line)
+    azimuth = azimuth + _drift(azimuth + 0.5 * turn, way, state.lon, line)
     others = [held(x) for x in start[1:]]
     held_state = NavState(*(held(x) for x in start.state))
     return Belief(held_state._replace(azimuth=azimuth), *others)
@@ -57,12 +58,13 @@ def _has_bias(model: FilterModel) -> bool:
     return "gyro_bias" in model.layout.sensors
 
 
-def _drift(heading: Tensor, way: Tensor, line: Timeline) -> Tensor:
+def _drift(heading: Tensor, way: Tensor, origin: Tensor, line: Timeline) -> Tensor:
     fix = line.occasion.fix
     usable = (fix.has_position > 0.5) & torch.isfinite(fix.lat) & torch.isfinite(fix.lon)
     radius = wgs84.SEMI_MAJOR_AXIS
     # one scale for the whole drive: chords are short, and only their direction counts
-    east = radius * torch.cos(fix.lat.mean(1, keepdim=True)) * fix.lon
+    around = wrap_angle(fix.lon - origin.unsqueeze(1))
+    east = radius * torch.cos(fix.lat.mean(1, keepdim=True)) * around
     channels = (
         usable,
         torch.cumsum(way * torch.sin(heading), 1),

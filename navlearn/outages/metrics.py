@@ -88,9 +88,8 @@ def errors_over_time(solution: pd.DataFrame, track: Track, outage: Outage) -> pd
         values = np.asarray(solution[name], dtype=np.float64)
         return np.asarray(np.interp(truth.t, t, values), dtype=np.float64)
 
-    east, north, up = enu_metres(
-        at("lat"), at("lon"), at("height"), truth.lat, truth.lon, truth.height
-    )
+    lon = np.interp(truth.t, t, np.unwrap(solution["lon"].to_numpy(dtype=np.float64)))
+    east, north, up = enu_metres(at("lat"), lon, at("height"), truth.lat, truth.lon, truth.height)
     azimuth = np.interp(truth.t, t, np.unwrap(solution["azimuth"].to_numpy(dtype=np.float64)))
     along, cross = _along_and_cross(east, north, direction_of_travel(truth))
     return pd.DataFrame(

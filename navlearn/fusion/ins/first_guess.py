@@ -18,6 +18,7 @@ from navlearn.attitude import (
     quaternion_from_angles,
     quaternion_from_rotation_vector,
     quaternion_multiply,
+    wrap_angle,
 )
 from navlearn.filters.ins_belief import InsBelief
 from navlearn.fusion.ins.model import InsFilterModel
@@ -94,7 +95,10 @@ def told_by_fixes(start: InsState, line: InsTimeline, duration: Tensor) -> tuple
     """
     fix, delay = line.occasion.fix, line.occasion.delay
     clock = torch.nn.functional.pad(torch.cumsum(duration, 1), (1, 0)).numpy()
-    position = torch.stack((fix.lat, fix.lon, fix.height), -1).numpy()
+    origin = start.lon.unsqueeze(1)
+    # straight lines must not lead round the Earth
+    lon = origin + wrap_angle(fix.lon - origin)
+    position = torch.stack((fix.lat, lon, fix.height), -1).numpy()
     velocity = torch.stack((fix.v_e, fix.v_n, fix.v_u), -1).numpy()
     there = (fix.has_position > 0.5).numpy(), (fix.has_velocity > 0.5).numpy()
     first = torch.stack(start[:3], -1).numpy(), start.v_l.numpy()
