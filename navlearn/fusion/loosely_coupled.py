@@ -81,7 +81,8 @@ class LooselyCoupledEkf(nn.Module):
         Raises:
             ConfigError: If the method is unknown.
             ShapeError: If a tensor has the wrong shape or type.
-            LogError: If samples or fixes are not finite, or fixes are out of order or range.
+            LogError: If samples or fixes are not finite or hold what no drive can (see
+                :mod:`navlearn.fusion.bounds`), or fixes are out of order or range.
             FilterDivergedError: If a state or variance is lost on the way.
         """
         if method not in ("exact", "fast", "sequential"):

@@ -78,8 +78,8 @@ class InsEkf(nn.Module):
         Raises:
             ConfigError: If the method is unknown.
             ShapeError: If a tensor has the wrong shape or type.
-            LogError: If samples or fixes are not finite or not in SI units, or fixes are out of
-                order or range.
+            LogError: If samples or fixes are not finite, not in SI units or hold what no drive can
+                (see :mod:`navlearn.fusion.bounds`), or fixes are out of order or range.
             FilterDivergedError: If a state or variance is lost on the way.
         """
         if method not in ("exact", "fast", "sequential"):
