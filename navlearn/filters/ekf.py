@@ -116,6 +116,26 @@ def joseph(covariance: Tensor, observation: Tensor, variance: Tensor, gain: Tens
     return symmetrized(left @ covariance @ left.transpose(-1, -2) + scaled @ gain.transpose(-1, -2))
 
 
+def joseph_of_reduced(
+    reduced: Tensor, observation: Tensor, variance: Tensor, gain: Tensor
+) -> Tensor:
+    """Return the same as :func:`joseph` from (I − K H) P, in products of r columns.
+
+    Needed where a huge P meets a tiny R: what rounding leaves of (I − K H) P is no covariance.
+
+    Args:
+        reduced: (I − K H) P, shape (..., n, n).
+        observation: H, shape (..., r, n).
+        variance: Diagonal of R, shape (..., r).
+        gain: K, shape (..., n, r).
+
+    Returns:
+        P after, symmetric, shape (..., n, n).
+    """
+    left = reduced @ observation.transpose(-1, -2) - gain * variance.unsqueeze(-2)
+    return symmetrized(reduced - left @ gain.transpose(-1, -2))
+
+
 def update(
     covariance: Tensor, observation: Tensor, variance: Tensor, innovation: Tensor
 ) -> Corrected:

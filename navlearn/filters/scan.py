@@ -13,7 +13,14 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from navlearn.filters.ekf import joseph, kalman_gain, propagated, symmetrized
+from navlearn.filters.ekf import (
+    gain_of_projected,
+    joseph,
+    joseph_of_reduced,
+    kalman_gain,
+    propagated,
+    symmetrized,
+)
 
 WIDE = 16
 """Batch from which one step after another is faster than summing up chunks first."""
@@ -115,14 +122,8 @@ def filter_in_parallel(
     if chunks == 1:
         return _filtered(mean, covariance, steps)
     laid = _in_chunks(steps, size, chunks)
-    sums = _summed(
-        LinearSteps(
-            *(
-                x[..., :-1, :, :] if k in (1, 4, 5) else x[..., :-1, :, :, :]
-                for k, x in enumerate(laid)
-            )
-        )
-    )
+    along = laid.shift.dim() - 3
+    sums = _summed(LinearSteps(*(x.narrow(along, 0, chunks - 1) for x in laid)))
     means, covariances = [mean], [covariance]
     for element in zip(
         sums.A.unbind(-3),
@@ -136,16 +137,11 @@ def filter_in_parallel(
         means.append(mean)
         covariances.append(covariance)
     done = _filtered(torch.stack(means, -2), torch.stack(covariances, -3), laid)
-    vectors = (x.flatten(-3, -2)[..., :count, :] for x in (done.prior_mean, done.mean))
-    matrices = (
-        x.flatten(-4, -3)[..., :count, :, :] for x in (done.prior_covariance, done.covariance)
-    )
-    (prior_mean, after), (prior_covariance, P) = vectors, matrices
-    return Filtered(prior_mean, prior_covariance, after, P)
+    return Filtered(*(x.flatten(along, along + 1).narrow(along, 0, count) for x in done))
 
 
 def _filtered(mean: Tensor, covariance: Tensor, steps: LinearSteps) -> Filtered:
-    """Filter all chunks side by side: the same recursion in fewer and larger products."""
+    """Filter all chunks side by side: the same recursion in fewer products."""
     n = mean.shape[-1]
     own = torch.cat((covariance, mean.unsqueeze(-1)), -1)
     priors: list[Tensor] = []
@@ -157,11 +153,9 @@ def _filtered(mean: Tensor, covariance: Tensor, steps: LinearSteps) -> Filtered:
         priors.append(own)
         seen = H @ own
         cross = seen[..., :n]
-        spread = symmetrized(cross @ H.transpose(-1, -2)) + torch.diag_embed(R)
-        factor = torch.linalg.cholesky_ex(spread)[0]
-        seen = torch.cat((cross, seen[..., n:] - y.unsqueeze(-1)), -1)
-        own = own - cross.transpose(-1, -2) @ torch.cholesky_solve(seen, factor)
-        own = torch.cat((symmetrized(own[..., :n]), own[..., n:]), -1)
+        gain = gain_of_projected(cross, symmetrized(cross @ H.transpose(-1, -2)), R)
+        own = own - gain @ torch.cat((cross, seen[..., n:] - y.unsqueeze(-1)), -1)
+        own = torch.cat((joseph_of_reduced(own[..., :n], H, R, gain), own[..., n:]), -1)
         posts.append(own)
     prior, post = torch.stack(priors, -3), torch.stack(posts, -3)
     return Filtered(prior[..., n], prior[..., :n], post[..., n], post[..., :n])
@@ -238,9 +232,11 @@ def _summed(steps: LinearSteps) -> _Element:
         solved = torch.cholesky_solve(seen, factor)
         told = seen[..., :n].transpose(-1, -2) @ solved[..., : n + 1]
         J, eta = J + told[..., :n], eta - told[..., n]
-        own = own - seen[..., n + 1 :].transpose(-1, -2) @ solved
-    A, b, C = own[..., :n], own[..., n], symmetrized(own[..., n + 1 :])
-    return _Element(A, b, C, eta, symmetrized(J))
+        gain = solved[..., n + 1 :].transpose(-1, -2)
+        own = own - gain @ seen
+        C = joseph_of_reduced(own[..., n + 1 :], H, R, gain)
+        own = torch.cat((own[..., : n + 1], C), -1)
+    return _Element(own[..., :n], own[..., n], own[..., n + 1 :], eta, symmetrized(J))
 
 
 def _through(mean: Tensor, covariance: Tensor, e: _Element) -> tuple[Tensor, Tensor]:

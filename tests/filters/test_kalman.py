@@ -142,3 +142,45 @@ def test_nees_of_gaussian_draws_lies_in_its_band():
     band = consistency.mean_band(3, 4000, 0.999)
     assert band.low < mean < band.high
     assert not band.low < 1.1 * mean < band.high
+
+
+def gnss_like(count: int, variance: float, opened: float) -> LinearSteps:
+    """Position, velocity and tilt in three axes; long silence, and noise that is opened anew."""
+    g = torch.Generator().manual_seed(1)
+    F = torch.eye(9, dtype=torch.float64).repeat(count, 1, 1)
+    F[:, :3, 3:6] += torch.eye(3)
+    F[:, 3:6, 6:] += 9.8 * torch.eye(3)
+    F[:, 6, 7] = 0.03 * torch.randn(count, generator=g)
+    F[:, 7, 6] = -F[:, 6, 7]
+    Q = torch.diag(torch.tensor([0.0] * 3 + [1e-6] * 3 + [1e-10] * 3, dtype=torch.float64))
+    Q = Q.repeat(count, 1, 1)
+    H = torch.eye(9, dtype=torch.float64)[:6].repeat(count, 1, 1)
+    H[torch.rand(count, generator=g) < 0.2] = 0.0
+    H[count // 2 : count // 2 + 200] = 0.0
+    for k in (count // 7, count // 2 + 200, count - 300):
+        Q[k].diagonal()[:3] += opened**2
+        H[k] = torch.eye(9)[:6]
+    y = variance**0.5 * torch.randn(count, 6, generator=g, dtype=torch.float64)
+    R = torch.full((count, 6), variance, dtype=torch.float64)
+    return LinearSteps(F, torch.zeros(count, 9, dtype=torch.float64), Q, H, R, y)
+
+
+@pytest.mark.parametrize(("variance", "opened"), [(0.09, 1e3), (1e-8, 1e4), (1e-12, 1e6)])
+def test_a_long_run_keeps_its_covariances_positive(variance, opened):
+    """Behind a tiny R a huge P leaves rounding only; Joseph's textbook form is the oracle."""
+    steps = gnss_like(5000, variance, opened)
+    sigmas = torch.tensor([opened] * 6 + [0.1] * 3, dtype=torch.float64)
+    start = torch.zeros_like(sigmas), torch.diag(sigmas**2)
+    oracle = filter_in_turn(*start, steps)
+    sigma = oracle.covariance.diagonal(dim1=-2, dim2=-1).sqrt()
+    for chunk in (None, 5000):
+        found = filter_in_parallel(*start, steps, chunk)
+        assert torch.equal(found.covariance, found.covariance.mT)
+        for P in (found.covariance, found.prior_covariance):
+            own = P.diagonal(dim1=-2, dim2=-1).sqrt()
+            scaled = P / own.unsqueeze(-1) / own.unsqueeze(-2)
+            assert bool(torch.isfinite(scaled).all())
+            assert float(torch.linalg.eigvalsh(scaled).min()) > -1e-12
+        gap = (found.covariance - oracle.covariance).abs()
+        assert float((gap / sigma.unsqueeze(-1) / sigma.unsqueeze(-2)).max()) < 1e-3
+        assert float(((found.mean - oracle.mean).abs() / sigma).max()) < 1e-6
