@@ -6,8 +6,7 @@ import numpy as np
 import torch
 
 from navlearn.experiment.drive import Drive
-from navlearn.experiment.ins_filter_runs import InsFilterRuns
-from navlearn.experiment.ins_observability import observability_chapter
+from navlearn.experiment.observability import observability_chapter
 from navlearn.frames import ecef_from_geodetic
 from navlearn.logs.drive_log import DriveLog
 from navlearn.outages.fit_diagnostics import FitDiagnostics, fit_section
@@ -33,7 +32,7 @@ def run_chapters(
     if fits:
         chapters.append(_fit_chapter(drive.log, fits, output))
     if recipe.observability:
-        chapters.append(observability_chapter(InsFilterRuns(recipe), drive, output))
+        chapters.append(observability_chapter(recipe, drive, output))
     return tuple(chapters)
 
 

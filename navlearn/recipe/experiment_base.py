@@ -73,7 +73,8 @@ class Experiment(Titled):
         outages: Where GNSS is taken away.
         training: What error models learn from.
         calibration: How late streams are stamped.
-        observability: Whether the report tells what the full-IMU filter observed, and when.
+        observability: Whether the report tells what the filter observed, and when; of a full IMU
+            or of one gyro as ``mechanization.sensors`` says.
         metric: Figure by which methods are compared, a column of ``outages.csv``.
         remarks: Said in the report before anything else.
         published: Tables of papers, printed beside ours.

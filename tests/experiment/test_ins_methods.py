@@ -12,8 +12,8 @@ from navlearn.errors import ConfigError
 from navlearn.experiment import run_recipe
 from navlearn.experiment.drive import open_log, prepare_drive
 from navlearn.experiment.ins_filter_runs import VARIANTS, ins_filter_options, stated_start
-from navlearn.experiment.ins_observability import without_outages
 from navlearn.experiment.methods import build_methods
+from navlearn.experiment.observability import without_outages
 from navlearn.experiment.run import check_recipe
 from navlearn.experiment.sweep import run_sweep
 from navlearn.logs.drive_log import DriveLog
@@ -150,3 +150,13 @@ def test_a_log_that_states_its_start_is_not_aligned(make_recipe: MakeRecipe) -> 
     assert found is not None
     assert found.sample == -1
     assert found.method == "stated"
+
+
+def test_a_gyro_and_an_odometer_have_their_observability_too(
+    make_recipe: MakeRecipe, tmp_path: Path
+) -> None:
+    recipe = make_recipe(methods=("ekf",), observability=True)
+    found = run_recipe(recipe, tmp_path / "run", progress=False)
+    report = (found.folder / "report.md").read_text(encoding="utf-8")
+    assert "Of `ekf` on short, all outages taken out of one run" in report
+    assert "| gyro bias |" in report
