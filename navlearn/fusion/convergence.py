@@ -101,7 +101,8 @@ def _converged(
         new = passes.starts(record)
         if behind.reproduced and passes.move(new, begin) < tolerance:
             return record, behind, number
-        # what a first pass refuses may only be far from its guess
-        keep = number > EARLY or passes.trusts(new, begin)
+        # what a first pass refuses may only be far from its guess; passes are asked every time,
+        # because to be trusted is how they learn that they came near
+        keep = passes.trusts(new, begin) or number > EARLY
         verdict, begin = behind.judged.verdict if keep else None, new
     return None

@@ -100,10 +100,11 @@ def filtered_behind_gate(
             used.innovation,
         )
         filtered = filter_in_parallel(zero, covariance, steps)
+        # a reset opens the covariance after the gate has judged
+        filtered = filtered._replace(prior_covariance=filtered.prior_covariance - extra)
         told = (found.observation @ filtered.prior_mean.unsqueeze(-1)).squeeze(-1)
         innovation = found.innovation - told
-        # a reset opens the covariance after the gate has judged
-        _, spread = projected(filtered.prior_covariance - extra, found.observation)
+        _, spread = projected(filtered.prior_covariance, found.observation)
         nis = nis_by_kind(model, found, innovation, spread)
         new = judged_over_time(model, nis, found.present, refused)
         rounds -= 1

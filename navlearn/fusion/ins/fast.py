@@ -114,7 +114,8 @@ class _Passes:
                 self.with_gradient = summed(self.model, guess.sensor, samples, self.noise)
             return self._run(guess, self.with_gradient, verdict, rounds)
         self.with_gradient = None
-        if self.near and not self.settled:
+        if self.near:
+            # again and again: renewed verdicts may move the sensor parameters far
             if left_by_first_order(self.sums, guess.sensor) > LEFT:
                 self.sums = summed(self.model, guess.sensor, self.line.samples, self.noise)
             self.settled = True

@@ -9,11 +9,12 @@ import torch
 
 from navlearn import attitude
 from navlearn.fusion.gating import judged, judged_over_time
+from navlearn.fusion.ins.layout import state_difference
 from navlearn.fusion.ins.measurements import InsKind
 from navlearn.fusion.ins.model import ins_filter_model
 from navlearn.fusion.ins.options import InsEkfOptions
 from navlearn.fusion.measurements import Verdict
-from navlearn.ins_navigator import InsNavigator, InsNavigatorRun
+from navlearn.ins_navigator import InsNavigator, InsNavigatorOptions, InsNavigatorRun
 from navlearn.logs.imu_timeline import imu_timeline
 from navlearn.logs.synthetic import simulate_drive
 
@@ -28,15 +29,18 @@ def drive():
     ).log
 
 
-def run_with(drive, **wrong: float) -> tuple[InsNavigatorRun, np.ndarray]:
+def run_with(
+    drive, method: str = "fast", fault: tuple[float, float] = FAULT, **wrong: float
+) -> tuple[InsNavigatorRun, np.ndarray]:
     """Return the run on fixes that are off through the fault, and its times."""
     fixes = drive.fixes.copy()
-    faulty = fixes["t"].between(*FAULT)
+    faulty = fixes["t"].between(*fault)
     for name, value in wrong.items():
-        since = fixes.loc[faulty, "t"] - FAULT[0]
+        since = fixes.loc[faulty, "t"] - fault[0]
         fixes.loc[faulty, name] += value * (since if name == "height" else 1.0)
     line = imu_timeline(replace(drive, fixes=fixes))
-    run = InsNavigator().run(line.samples, line.fixes, line.timing)
+    options = InsNavigatorOptions(method=method)
+    run = InsNavigator(options).run(line.samples, line.fixes, line.timing)
     return run, line.t[run.first :].numpy()
 
 
@@ -80,6 +84,27 @@ def test_velocities_that_contradict_good_positions_are_never_believed(drive) -> 
     metres, azimuth, _ = errors_at(run, t, drive, FAULT[1])
     assert metres < 6.0
     assert abs(azimuth) < math.radians(3.0)
+
+
+@pytest.mark.parametrize("positions", [True, False])
+def test_all_blocks_at_once_equal_the_loop_through_a_minute_of_faults(drive, positions) -> None:
+    wrong = {"v_e": 3.0, "v_n": -4.0, "v_u": 5.0}
+    if positions:
+        wrong |= {"lat": 3e-5, "lon": -4e-5, "height": 2.0}
+    (quick, _), (exact, _) = (
+        run_with(drive, method, (120.0, 180.0), **wrong) for method in ("fast", "exact")
+    )
+    found, oracle = quick.history, exact.history
+    assert (found.method, oracle.method) == ("fast", "exact")
+    assert (oracle.resets[InsKind.POSITION] > 0) == positions
+    assert torch.equal(found.verdict, oracle.verdict)
+    assert torch.equal(found.belief.refused, oracle.belief.refused)
+    gap = state_difference(found.trajectory, oracle.trajectory).abs()
+    assert float(gap[..., :3].max()) < 0.01
+    for own, expected in ((found.prior, oracle.prior), (found.belief, oracle.belief)):
+        sigma = expected.covariance.diagonal(dim1=-2, dim2=-1).sqrt()
+        gap = (own.covariance - expected.covariance).abs()
+        assert float((gap / sigma.unsqueeze(-1) / sigma.unsqueeze(-2)).max()) < 5e-3
 
 
 def test_judging_all_blocks_at_once_equals_judging_them_in_turn() -> None:
