@@ -12,7 +12,7 @@ from navlearn.experiment.sweep import run_sweep
 from navlearn.logs.descriptor import load_descriptor
 from navlearn.logs.reading import read_log
 from navlearn.recipe import AnarxSpec, Recipe, load_recipe, load_spec
-from navlearn.recipe.sections import LogSource
+from navlearn.recipe.sections import SCENARIO, LogSource
 from navlearn.recipe.spec_base import SafeguardSpec
 from navlearn.recipe.strict import parse
 from navlearn.recipe.sweep import (
@@ -42,8 +42,13 @@ def cut_to_one_step(recipe: Recipe) -> Recipe:
     _hardly_training(content["models"])
     times = content["outages"]["times_s"]
     content["outages"] |= {"count": 1, "times_s": times[:1] if times else None}
-    if recipe.log.simulated is not None:
-        content["log"]["simulated"] |= {"duration_s": 500.0, "imu_rate_hz": 20.0, "seed": 11}
+    simulated = recipe.log.simulated
+    if simulated is not None:
+        content["log"]["simulated"]["seed"] = 11
+    if simulated is not None and simulated.profile != SCENARIO:
+        content["log"]["simulated"] |= {"duration_s": 500.0, "imu_rate_hz": 20.0}
+    elif recipe.mechanization.sensors == "imu":
+        content["mechanization"]["imu_rate_hz"] = 20.0
     return parse(Recipe, content, file=recipe.name)
 
 
@@ -114,7 +119,9 @@ def test_sweep_parses_and_names_what_exists(path: Path) -> None:
     sweep = load_sweep(path)
     assert sweep.name == path.stem
     assert sweep.question.endswith("?")
-    logs = (sweep.sweep.log,) if isinstance(sweep.sweep, DegradedDrives) else ()
+    logs: tuple[LogSource, ...] = (
+        (sweep.sweep.log,) if isinstance(sweep.sweep, DegradedDrives) else ()
+    )
     logs = sweep.sweep.logs if isinstance(sweep.sweep, RecordedDrives) else logs
     for log in logs:
         assert log.descriptor is not None

@@ -20,6 +20,7 @@ from navlearn.experiment.learned import Learned
 from navlearn.experiment.methods import build_methods
 from navlearn.experiment.oracles import GYRO_ORACLES, Truth, truth_for
 from navlearn.experiment.run_chapters import run_chapters
+from navlearn.experiment.sensors_needed import check_sensors
 from navlearn.experiment.summary import run_summary
 from navlearn.export.example import save_example
 from navlearn.outages.fit_diagnostics import FitDiagnostics
@@ -97,6 +98,7 @@ def run_recipe(
     """
     check_recipe(recipe)
     drive = prepare_drive(recipe)
+    check_sensors(recipe, drive.log, drive.placement.outages)
     truth = truth_for(recipe, drive.log, sensor_truth_of(recipe))
     output = prepare_output_folder(Path(out), force)
     resolved = recipe.resolved()

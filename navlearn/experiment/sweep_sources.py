@@ -1,6 +1,7 @@
 """What the drives of a sweep are made of, looked at before anything is run."""
 
 from navlearn.errors import ConfigError, LogError
+from navlearn.experiment.sensors_needed import check_sensors
 from navlearn.experiment.sweep_drives import real_drive
 from navlearn.outages.placement import place_outages
 from navlearn.outages.store import log_fingerprint
@@ -36,6 +37,7 @@ def _recorded(recipe: SweepRecipe, sweep: RecordedDrives) -> tuple[Sources, tupl
     sources, left_out, names = Sources(), list[str](), list[str]()
     for number in sweep.seeds:
         log = real_drive(recipe, number)
+        check_sensors(recipe.for_drive(log.metadata.name, sweep.durations_s[0]), log)
         if log.metadata.name in names:
             raise ConfigError(
                 f"{recipe.name}: two of its logs are named {log.metadata.name!r}; list each drive "

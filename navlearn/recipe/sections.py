@@ -79,7 +79,18 @@ class SimulatedSection(Section):
                 f"unknown profile {self.profile!r}{nearest_hint(self.profile, known)}; "
                 f"known: {', '.join(known)}"
             )
+        if self.profile == SCENARIO:
+            self._nothing_but_the_seed()
         return self
+
+    def _nothing_but_the_seed(self) -> None:
+        for name in ("grade", "duration_s", "imu_rate_hz"):
+            found = getattr(self, name)
+            if found != type(self).model_fields[name].default:
+                raise ValueError(
+                    f"{name} is {found!r}, but profile {SCENARIO!r} has its own sensors, length "
+                    "and rates; leave it out"
+                )
 
 
 class LogSource(Section):

@@ -241,6 +241,15 @@ class SweepRecipe(Experiment, ManyDrives):
             raise ValueError("outages.duration_s: a sweep has sweep.durations_s in its place")
         return content
 
+    @model_validator(mode="after")
+    def _observability_is_of_one_drive(self) -> "SweepRecipe":
+        if self.observability:
+            raise ValueError(
+                "observability: a sweep keeps no filter run to tell it of; ask for it in a recipe "
+                "of one of its drives"
+            )
+        return self
+
     def resolved(self) -> dict[str, Any]:
         """Return the sweep with every default written out, and the versions that made it."""
         content = super().resolved()

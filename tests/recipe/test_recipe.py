@@ -199,6 +199,10 @@ def test_refusal_names_place_and_remedy(tmp_path: Path, entry: str, words: list[
         ("name: [unclosed\n", ["not valid YAML", "line"]),
         ("name: a\n", ["'log' is missing"]),
         ("name: a\nlog: {}\n", ["one of 'descriptor', 'path' (with 'format') and 'simulated'"]),
+        (
+            "name: a\nlog: {simulated: {profile: jaradat2017, grade: tactical}}\n",
+            ["grade is 'tactical'", "has its own sensors, length and rates; leave it out"],
+        ),
         ("name: a\nlog: {descriptor: b.yaml, format: csv}\n", ["'format' belongs to 'path'"]),
         ("name: a\nlog: 3\n", ["recipe.yaml:2", "log is 3"]),
         ('name: a\nlog: {path: "a\\0b"}\n', ["recipe.yaml:2", "cannot be a path"]),

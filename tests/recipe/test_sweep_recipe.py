@@ -92,6 +92,7 @@ def test_a_real_drive_is_found_from_where_the_sweep_lies(tmp_path: Path) -> None
         ("durations_s: [20, 30]", "durations_s: [-20]", "durations_s"),
         ("count: 2", "duration_s: 60", "sweep.durations_s in its place"),
         ("methods: [ekf", "methods: [efk", "unknown method 'efk' (did you mean 'ekf'"),
+        ("methods:", "observability: true\nmethods:", "in a recipe of one of its drives"),
         ("warm_up_s", "warmup_s", "few.yaml:7: unknown key 'warmup_s' in outages"),
     ],
 )
