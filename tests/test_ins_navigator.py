@@ -189,6 +189,22 @@ def test_it_says_when_the_car_never_moved(line):
         InsNavigator().run(line.samples, fixes, timing)
 
 
+def test_alignment_does_not_reach_across_a_bridged_gap(line, run):
+    """A gap between standstill and first fast fix leaves velocity matching, after the gap."""
+    gap = run.alignment.sample - 5
+    bridged = torch.zeros(len(line.t), dtype=torch.bool)
+    bridged[gap] = True
+    found = InsNavigator().run(line.samples, line.fixes, line.timing, bridged=bridged)
+    assert found.alignment.method == "velocity_matching"
+    assert found.alignment.sample > gap
+    later = bridged.roll(len(line.t) // 2)  # none of alignment's business
+    assert InsNavigator().align(*line_of(line), bridged=later).sample == run.alignment.sample
+
+
+def line_of(line):
+    return line.samples, line.fixes, line.timing
+
+
 def test_false_standstill_on_a_road_of_glass_is_given_up(log):
     """Simulated roads do not shake: without odometer the IMU alone takes gliding for standing."""
     line = imu_timeline(replace(log, odometer=log.odometer.iloc[:0]))

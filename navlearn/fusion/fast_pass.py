@@ -14,8 +14,8 @@ from navlearn.fusion.filter_model import (
     predict_blocks,
 )
 from navlearn.fusion.gated_pass import Behind, Linearised, filtered_behind_gate
-from navlearn.fusion.gating import opened
 from navlearn.fusion.noise import EkfNoise
+from navlearn.fusion.opening import opened
 from navlearn.fusion.record import Ended
 from navlearn.fusion.timeline import Timeline
 from navlearn.fusion.updates import Measured, measured

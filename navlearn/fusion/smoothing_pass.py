@@ -7,11 +7,11 @@ from navlearn.filters.belief import Belief, map_belief
 from navlearn.fusion.fast_pass import shift_of_blocks
 from navlearn.fusion.filter_model import FilterModel, difference, fed_back, predict_blocks
 from navlearn.fusion.gated_pass import Linearised
-from navlearn.fusion.gating import opened
 from navlearn.fusion.ground_velocity import BlockEnd
 from navlearn.fusion.history import FilterHistory
 from navlearn.fusion.measurements import Verdict
 from navlearn.fusion.noise import EkfNoise
+from navlearn.fusion.opening import opened
 from navlearn.fusion.smoothed_blocks import Evidence, SmoothedPass, smoothed_deviations
 from navlearn.fusion.timeline import Timeline
 from navlearn.fusion.updates import measured

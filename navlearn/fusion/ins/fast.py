@@ -4,7 +4,7 @@ The samples of all blocks are preintegrated side by side. A pass carries every b
 increments from the present guess of its start, linearises there, and runs one linear Kalman
 filter, parallel in time, over all blocks; where the guess is what the filter returns, that is the
 closed-loop filter itself. Increments follow new sensor parameters to first order until the passes
-are near, and are then summed up again at those found, unless nothing would change. Gradients of two
+are near; from there on they are summed up again wherever that would change them. Gradients of two
 passes are those of the loop to a few thousandths at worst, where innovations are large.
 """
 
