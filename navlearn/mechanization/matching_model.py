@@ -13,6 +13,7 @@ from torch import Tensor
 
 from navlearn import earth
 from navlearn.attitude import matrix_from_quaternion, quaternion_from_rotation_vector
+from navlearn.mechanization.preintegration_sums import skew
 from navlearn.mechanization.turning import level_rate, turned_since_start
 from navlearn.states import ImuSample
 
@@ -170,18 +171,6 @@ def corrected(guess: Guess, error: Tensor, middle: Tensor) -> Guess:
         guess.accel_bias - accel,
         turn @ middle,
     )
-
-
-def skew(vector: Tensor) -> Tensor:
-    """Return [v×], shape (..., 3, 3).
-
-    Args:
-        vector: Shape (..., 3).
-    """
-    x, y, z = vector.unbind(-1)
-    zero = torch.zeros_like(x)
-    rows = ((zero, -z, y), (z, zero, -x), (-y, x, zero))
-    return torch.stack([torch.stack(row, -1) for row in rows], -2)
 
 
 def _interpolated(fixes: VelocityFixes, dt: Tensor) -> Tensor:

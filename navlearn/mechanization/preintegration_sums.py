@@ -92,7 +92,7 @@ def _double_cross(products: Tensor, eye: Tensor) -> Tensor:
 
 
 def skew(vector: Tensor) -> Tensor:
-    """Return [v×], the matrix of the cross product by a vector from the left.
+    """Return [v×], the matrix of the cross product by a vector from the left; scriptable.
 
     Args:
         vector: Shape (..., 3).

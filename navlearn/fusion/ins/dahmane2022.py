@@ -14,7 +14,8 @@ import torch
 from torch import Tensor
 
 from navlearn import earth
-from navlearn.fusion.ins.error_dynamics import Motion, skew
+from navlearn.fusion.ins.error_dynamics import Motion
+from navlearn.mechanization.preintegration_sums import skew
 
 EARTH_RADIUS: float = 6372795.5
 """R_e, m."""

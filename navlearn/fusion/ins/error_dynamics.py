@@ -17,6 +17,7 @@ from torch import Tensor
 from navlearn import earth, wgs84
 from navlearn.attitude import matrix_from_quaternion
 from navlearn.fusion.ins.imu_errors import ImuErrors, SensorStates
+from navlearn.mechanization.preintegration_sums import skew
 from navlearn.states import InsState
 
 
@@ -65,20 +66,6 @@ def motion_between(before: InsState, after: InsState, omega: Tensor, force: Tens
         omega,
         force,
     )
-
-
-def skew(vector: Tensor) -> Tensor:
-    """Return [v×], the matrix of the cross product by a vector from the left.
-
-    Args:
-        vector: Shape (..., 3).
-
-    Returns:
-        Shape (..., 3, 3).
-    """
-    x, y, z = vector.unbind(-1)
-    zero = torch.zeros_like(x)
-    return _matrix([[zero, -z, y], [z, zero, -x], [-y, x, zero]])
 
 
 def phi_angle_dynamics(motion: Motion) -> Tensor:

@@ -8,10 +8,10 @@ from torch import Tensor
 from navlearn import earth
 from navlearn.attitude import matrix_from_quaternion
 from navlearn.filters.ins_belief import InsBelief
-from navlearn.fusion.ins.error_dynamics import skew as skew_of
 from navlearn.fusion.ins.imu_errors import ImuErrors, imu_corrected
 from navlearn.fusion.ins.layout import InsLayout, imu_errors
 from navlearn.fusion.ins.model import InsFilterModel
+from navlearn.mechanization.preintegration_sums import skew as skew_of
 from navlearn.states import ImuSample
 
 __all__ = ["Moment", "columns", "moment_of", "skew_of"]
