@@ -161,16 +161,9 @@ class InsNavigator:
         Args:
             alignment: Where and with what the filter starts.
         """
-        sigmas: dict[str, float | Tensor] = {
-            "position": alignment.position_sigma,
-            "height": alignment.height_sigma,
-            "velocity": alignment.velocity_sigma,
-            "phi_east": alignment.attitude_sigma[0],
-            "phi_north": alignment.attitude_sigma[1],
-            "phi_up": alignment.attitude_sigma[2],
-            "gyro_bias": alignment.gyro_bias_sigma,
-            "accel_bias": alignment.accel_bias_sigma,
-        }
+        told = ("position", "height", "velocity", "gyro_bias", "accel_bias")
+        sigmas: dict[str, float | Tensor] = {x: getattr(alignment, f"{x}_sigma") for x in told}
+        sigmas |= zip(("phi_east", "phi_north", "phi_up"), alignment.attitude_sigma, strict=True)
         sensor = {"gyro_bias": alignment.gyro_bias, "accel_bias": alignment.accel_bias}
         return initial_ins_belief(
             self.options.filter, alignment.state, sensor=sensor, sigmas=sigmas
