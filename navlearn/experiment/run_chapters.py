@@ -1,6 +1,6 @@
 """What the report of one drive's run tells beside the comparison of its methods."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import torch
@@ -14,6 +14,7 @@ from navlearn.outages.fit_plots import write_fit_diagnostics
 from navlearn.outages.output import OutputFolder
 from navlearn.outages.run_summary import Chapter
 from navlearn.recipe import Recipe
+from navlearn.recipe.ins_anarx_spec import InsAnarxSpec
 
 
 def run_chapters(
@@ -25,15 +26,38 @@ def run_chapters(
         recipe: The recipe.
         drive: Its drive.
         fits: Diagnostics of the last fit of each network on a full IMU's position error, by name;
-            solutions that an interrupted run had already made bring none.
+            solutions that an interrupted run had already made bring none, which is said.
         output: The run's folder.
     """
     chapters = []
     if fits:
         chapters.append(_fit_chapter(drive.log, fits, output))
+    without = [name for name in _networks(recipe) if name not in fits]
+    if without:
+        chapters.append(Chapter(section=tuple(no_fit_section(without))))
     if recipe.observability:
         chapters.append(observability_chapter(recipe, drive, output))
     return tuple(chapters)
+
+
+def _networks(recipe: Recipe) -> list[str]:
+    names = {spec.name for spec in recipe.models if isinstance(spec, InsAnarxSpec)}
+    return [name for name in recipe.methods if name in names]
+
+
+def no_fit_section(names: Sequence[str]) -> list[str]:
+    """Return what a report says of networks of whose fits it knows nothing.
+
+    Args:
+        names: Their names.
+    """
+    return [
+        "## Networks without a fit to show\n",
+        f"{', '.join(f'`{name}`' for name in names)}: no network was fitted when this report was "
+        "written. Either the solutions were there already, from a run that was interrupted (run "
+        "again with `--force` to have the fits, too), or there was too little to learn from "
+        "(`reason` in `outages.csv` tells).\n",
+    ]
 
 
 def _fit_chapter(

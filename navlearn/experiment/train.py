@@ -53,7 +53,7 @@ def train_recipe(
     if not specs:
         found = ", ".join(spec.name for spec in recipe.models) or "no models"
         raise ConfigError(
-            f"recipe {recipe.name}: it names {found}; only ANARX is trained on one drive for use "
+            f"recipe {recipe.name}: it names {found}; only models of type anarx are trained on one drive for use "
             "on another, the others learn on the drive itself: give them to navlearn evaluate"
         )
     check_recipe(recipe)

@@ -45,9 +45,9 @@ def recipe(make_recipe: MakeRecipe) -> Recipe:
     made = make_recipe(
         methods=LEARNS_NOTHING, mechanization={**IMU, "imu_rate_hz": 10.0}, observability=True
     )
-    early = {"warm_up_s": 90.0, "warm_up_moving_s": 30.0, "times_s": (150.0, 200.0)}
+    early = {"warm_up_s": 60.0, "warm_up_moving_s": 20.0, "times_s": (100.0,), "count": 1}
     outages = made.outages.model_copy(update=early)
-    log = made.log.model_copy(update={"between_s": (0.0, 340.0)})
+    log = made.log.model_copy(update={"between_s": (0.0, 250.0)})
     return made.model_copy(update={"outages": outages, "log": log})
 
 
