@@ -36,7 +36,7 @@ def named(paths: list[Path]) -> pytest.MarkDecorator:
 
 
 def cut_to_one_step(recipe: Recipe) -> Recipe:
-    """Return the recipe with one outage, models that hardly train, and a simulation cut short."""
+    """Return the recipe with one outage, models that hardly train, and little of the drive."""
     content = recipe.resolved()
     del content["versions"]
     _hardly_training(content["models"])
@@ -49,6 +49,8 @@ def cut_to_one_step(recipe: Recipe) -> Recipe:
         content["log"]["simulated"] |= {"duration_s": 500.0, "imu_rate_hz": 20.0}
     elif recipe.mechanization.sensors == "imu":
         content["mechanization"]["imu_rate_hz"] = 20.0
+        if simulated is None:
+            content["log"]["between_s"] = content["log"]["between_s"] or [0.0, 900.0]
     return parse(Recipe, content, file=recipe.name)
 
 

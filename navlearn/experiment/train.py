@@ -53,8 +53,9 @@ def train_recipe(
     if not specs:
         found = ", ".join(spec.name for spec in recipe.models) or "no models"
         raise ConfigError(
-            f"recipe {recipe.name}: it names {found}; only models of type anarx are trained on one drive for use "
-            "on another, the others learn on the drive itself: give them to navlearn evaluate"
+            f"recipe {recipe.name}: it names {found}; only models of type anarx are trained on "
+            "one drive for use on another, the others learn on the drive itself: give "
+            "them to navlearn evaluate"
         )
     check_recipe(recipe)
     log, _ = set_clocks(open_log(recipe), recipe, float("inf"))
