@@ -12,17 +12,11 @@ from navlearn.experiment.sweep import run_sweep
 from navlearn.logs.descriptor import load_descriptor
 from navlearn.logs.reading import read_log
 from navlearn.recipe import AnarxSpec, Recipe, load_recipe, load_spec
-from navlearn.recipe.sections import SCENARIO, LogSource
+from navlearn.recipe.log_section import SCENARIO, LogSource
 from navlearn.recipe.spec_base import SafeguardSpec
 from navlearn.recipe.strict import parse
-from navlearn.recipe.sweep import (
-    DegradedDrives,
-    RecordedDrives,
-    SimulatedDrives,
-    SweepRecipe,
-    is_sweep,
-    load_sweep,
-)
+from navlearn.recipe.sweep import SweepRecipe, is_sweep, load_sweep
+from navlearn.recipe.swept_drives import DegradedDrives, RecordedDrives, SimulatedDrives
 
 ROOT = Path(__file__).resolve().parents[1]
 SWEEPS = sorted(path for path in (ROOT / "training").glob("*.yaml") if is_sweep(path))

@@ -25,7 +25,7 @@ from navlearn.logs.synthetic.semi_real import with_aiding_from_reference
 from navlearn.outages.placement import place_outages
 from navlearn.outages.schedule import Placement
 from navlearn.recipe import Recipe
-from navlearn.recipe.sections import SCENARIO, AidingSection, SimulatedSection
+from navlearn.recipe.log_section import SCENARIO, AidingSection, SimulatedSection
 
 CLEAR = 3.0
 """A latency is removed where it is this many of its own standard deviations from zero, ..."""

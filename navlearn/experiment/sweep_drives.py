@@ -6,13 +6,13 @@ from navlearn.logs.drive_log import DriveLog
 from navlearn.logs.sensor_truth import SensorTruth
 from navlearn.logs.synthetic import jaradat2017_scenario, simulate_drive
 from navlearn.logs.synthetic.degrade import degraded_drive
-from navlearn.recipe.sweep import (
+from navlearn.recipe.sweep import SweepRecipe
+from navlearn.recipe.swept_drives import (
     CLASSES,
     DegradedDrives,
     RecordedDrives,
     ScenarioDrives,
     SimulatedDrives,
-    SweepRecipe,
 )
 
 

@@ -28,9 +28,7 @@ from navlearn.logs.formats.csv_tables import read_frame
 from navlearn.logs.sensor_truth import SensorTruth
 from navlearn.outages.replay import replay
 from navlearn.outages.tables import write_outages_csv
-from navlearn.recipe.sweep import (
-    SweepRecipe,
-)
+from navlearn.recipe.sweep import SweepRecipe
 
 CPU = "cpu_s"
 """Column with the processor time that a method took for an outage, s."""

@@ -5,7 +5,8 @@ from navlearn.experiment.sensors_needed import check_sensors
 from navlearn.experiment.sweep_drives import real_drive
 from navlearn.outages.placement import place_outages
 from navlearn.outages.store import log_fingerprint
-from navlearn.recipe.sweep import DegradedDrives, RecordedDrives, SweepRecipe
+from navlearn.recipe.sweep import SweepRecipe
+from navlearn.recipe.swept_drives import DegradedDrives, RecordedDrives
 
 Sources = dict[tuple[int, float], str]
 """Hash of the real log behind a drive (empty for simulated ones), by its number or seed and the

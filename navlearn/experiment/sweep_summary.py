@@ -13,14 +13,9 @@ from navlearn.logs.synthetic.jaradat2017 import GRADE as SCENARIO_GRADE
 from navlearn.outages.run_summary import MethodSummary
 from navlearn.outages.sweep_summary import SweepCell, SweepSummary
 from navlearn.recipe.fixed_methods import FIXED_METHODS
-from navlearn.recipe.sections import SCENARIO
-from navlearn.recipe.sweep import (
-    RECORDED,
-    RecordedDrives,
-    ScenarioDrives,
-    SimulatedDrives,
-    SweepRecipe,
-)
+from navlearn.recipe.log_section import SCENARIO
+from navlearn.recipe.sweep import SweepRecipe
+from navlearn.recipe.swept_drives import RECORDED, RecordedDrives, ScenarioDrives, SimulatedDrives
 
 
 def sweep_summary(

@@ -12,7 +12,7 @@ from typing import Any, Final
 from navlearn.errors import ConfigError
 from navlearn.outages.schedule import parse_outages
 from navlearn.recipe.experiment_base import VERSIONS, Experiment, Titled
-from navlearn.recipe.sections import LogSource
+from navlearn.recipe.log_section import LogSource
 from navlearn.recipe.spec import load_spec
 from navlearn.recipe.strict import parse
 from navlearn.recipe.yaml_file import YamlFile, read_yaml

@@ -10,7 +10,7 @@ from navlearn.experiment.drive import open_log, sensor_truth_of
 from navlearn.experiment.run import run_recipe
 from navlearn.logs.drive_log import DriveLog
 from navlearn.recipe import Recipe, load_recipe
-from navlearn.recipe.sections import GyroErrorSection
+from navlearn.recipe.log_section import GyroErrorSection
 
 MakeRecipe = Callable[..., Recipe]
 

@@ -7,7 +7,8 @@ import yaml
 
 from navlearn.errors import ConfigError, LogNotFoundError
 from navlearn.recipe import load_recipe
-from navlearn.recipe.sweep import DegradedDrives, SimulatedDrives, is_sweep, load_sweep
+from navlearn.recipe.sweep import is_sweep, load_sweep
+from navlearn.recipe.swept_drives import DegradedDrives, SimulatedDrives
 
 SWEEP = """
 name: few
