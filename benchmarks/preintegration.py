@@ -142,7 +142,7 @@ def print_drive(seconds: int) -> None:
         profile="mixed", grade="ideal", duration=float(seconds), seed=11, imu_rate_hz=100.0
     ).log
     imu = ImuSample(*(x.unsqueeze(0) for x in imu_timeline(log).samples))
-    truth = torch.from_numpy(log.reference.to_numpy(dtype="float64"))
+    truth = torch.from_numpy(log.reference.to_numpy(dtype="float64", copy=True))
     names = {name: k for k, name in enumerate(log.reference.columns)}
     lat, lon, height, azimuth, pitch, roll = (
         truth[:1, names[n]] for n in ("lat", "lon", "height", "azimuth", "pitch", "roll")
