@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from navlearn.filters.belief import Belief, map_belief
+from navlearn.fusion.batch_axis import unsqueezed
 from navlearn.fusion.blocks import Blocks
 from navlearn.fusion.checks import check_history
 from navlearn.fusion.fast import run_fast
@@ -51,9 +52,9 @@ def continued(
     """
     whole = timeline(
         ekf.model,
-        _each(samples, _unsqueezed),
-        _each(fixes, _unsqueezed),
-        _each(timing, _unsqueezed),
+        _each(samples, unsqueezed),
+        _each(fixes, unsqueezed),
+        _each(timing, unsqueezed),
     )
     done, gone = block + 1, int(earlier.end[block]) + 1
     line = _after(whole, done, gone)
@@ -63,7 +64,7 @@ def continued(
         if later is None:
             later = run_loop(ekf.model, start, line, ekf.noise, predict_composed, "exact")
     joined = _joined(earlier, later, done, gone)
-    check_history(ekf.model, _each(joined, _unsqueezed), _each(samples, _unsqueezed))
+    check_history(ekf.model, _each(joined, unsqueezed), _each(samples, unsqueezed))
     return joined
 
 
@@ -114,10 +115,6 @@ def _joined(earlier: FilterHistory, later: FilterHistory, done: int, gone: int) 
         method=later.method if earlier.method == later.method else "exact",
         passes=max(earlier.passes, later.passes),
     )
-
-
-def _unsqueezed(x: Tensor) -> Tensor:
-    return x.unsqueeze(0)
 
 
 def _each(tree: N, change: Callable[[Tensor], Tensor]) -> N:

@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from navlearn.filters.belief import Belief, map_belief
+from navlearn.fusion.batch_axis import wants_gradient
 from navlearn.fusion.convergence import solved
 from navlearn.fusion.error_state import position_difference
 from navlearn.fusion.fast_pass import beliefs_of, linearised_pass
@@ -102,4 +103,4 @@ def _largest_move(new: Belief, old: Belief) -> float:
 def _wants_gradient(start: Belief, line: Timeline, noise: EkfNoise) -> bool:
     occasion = line.occasion
     leaves = [*start.state, *start[1:], *line.samples, *occasion.fix, occasion.delay, *noise]
-    return any(leaf.requires_grad for leaf in leaves)
+    return wants_gradient(leaves)

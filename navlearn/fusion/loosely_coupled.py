@@ -13,6 +13,7 @@ from torch import Tensor, nn
 from navlearn.errors import ConfigError, ShapeError
 from navlearn.filters.belief import Belief
 from navlearn.filters.belief import map_belief as map_belief
+from navlearn.fusion.batch_axis import first, unsqueezed
 from navlearn.fusion.checks import check_history, check_inputs
 from navlearn.fusion.fast import run_fast
 from navlearn.fusion.filter_model import filter_model
@@ -89,10 +90,10 @@ class LooselyCoupledEkf(nn.Module):
             raise ConfigError(f"filter: found method {method!r}; choose exact, fast or sequential")
         if samples.dt.dim() == 1:
             batched = self.forward(
-                map_belief(start, _unsqueezed),
-                RissSample(*map(_unsqueezed, samples)),
-                GnssFix(*map(_unsqueezed, fixes)),
-                FixTiming(*map(_unsqueezed, timing)),
+                map_belief(start, unsqueezed),
+                RissSample(*map(unsqueezed, samples)),
+                GnssFix(*map(unsqueezed, fixes)),
+                FixTiming(*map(unsqueezed, timing)),
                 method=method,
             )
             return _without_batch(batched)
@@ -175,21 +176,13 @@ class LooselyCoupledEkf(nn.Module):
         return torch.zeros_like(sample.dt)
 
 
-def _unsqueezed(x: Tensor) -> Tensor:
-    return x.unsqueeze(0)
-
-
-def _first(x: Tensor) -> Tensor:
-    return x[0]
-
-
 def _without_batch(history: FilterHistory) -> FilterHistory:
     return history._replace(
         end=history.end[0],
         fix=history.fix[0],
-        prior=map_belief(history.prior, _first),
-        belief=map_belief(history.belief, _first),
-        trajectory=Trajectory(*map(_first, history.trajectory)),
+        prior=map_belief(history.prior, first),
+        belief=map_belief(history.belief, first),
+        trajectory=Trajectory(*map(first, history.trajectory)),
         innovation=history.innovation[0],
         nis=history.nis[0],
         verdict=history.verdict[0],

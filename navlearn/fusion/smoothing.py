@@ -16,6 +16,7 @@ from torch import Tensor
 
 from navlearn.errors import ShapeError
 from navlearn.filters.belief import Belief, map_belief
+from navlearn.fusion.batch_axis import first, unsqueezed
 from navlearn.fusion.history import FilterHistory
 from navlearn.fusion.loosely_coupled import LooselyCoupledEkf
 from navlearn.fusion.record import starts_of_blocks
@@ -78,10 +79,10 @@ def smooth(
     if samples.dt.dim() == 1:
         batched = smooth(
             ekf,
-            map_belief(start, _unsqueezed),
-            RissSample(*map(_unsqueezed, samples)),
-            GnssFix(*map(_unsqueezed, fixes)),
-            FixTiming(*map(_unsqueezed, timing)),
+            map_belief(start, unsqueezed),
+            RissSample(*map(unsqueezed, samples)),
+            GnssFix(*map(unsqueezed, fixes)),
+            FixTiming(*map(unsqueezed, timing)),
             _with_batch(history),
             options,
         )
@@ -120,19 +121,11 @@ def _largest_move(new: Belief, old: Belief) -> float:
     return float(move.detach().amax())
 
 
-def _unsqueezed(x: Tensor) -> Tensor:
-    return x.unsqueeze(0)
-
-
-def _first(x: Tensor) -> Tensor:
-    return x[0]
-
-
 def _with_batch(history: FilterHistory) -> FilterHistory:
     return history._replace(
         end=history.end.unsqueeze(0),
-        prior=map_belief(history.prior, _unsqueezed),
-        belief=map_belief(history.belief, _unsqueezed),
+        prior=map_belief(history.prior, unsqueezed),
+        belief=map_belief(history.belief, unsqueezed),
         innovation=history.innovation.unsqueeze(0),
         verdict=history.verdict.unsqueeze(0),
     )
@@ -141,9 +134,9 @@ def _with_batch(history: FilterHistory) -> FilterHistory:
 def _without_batch(drive: SmoothedDrive) -> SmoothedDrive:
     return SmoothedDrive(
         drive.end[0],
-        map_belief(drive.start, _first),
-        map_belief(drive.belief, _first),
-        Trajectory(*map(_first, drive.trajectory)),
+        map_belief(drive.start, first),
+        map_belief(drive.belief, first),
+        Trajectory(*map(first, drive.trajectory)),
         drive.transition[0],
         drive.gain[0],
         drive.passes,

@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from navlearn.filters.ins_belief import InsBelief, map_ins_belief
+from navlearn.fusion.batch_axis import wants_gradient
 from navlearn.fusion.convergence import solved
 from navlearn.fusion.gated_pass import Behind, Linearised, filtered_behind_gate
 from navlearn.fusion.ins.composed import has_closed_form
@@ -179,4 +180,4 @@ def _ended(
 def _wants_gradient(start: InsBelief, line: InsTimeline, noise: InsNoise) -> bool:
     occasion = line.occasion
     leaves = [*start.state, *start[1:], *line.samples, *occasion.fix, occasion.delay, *noise]
-    return any(leaf.requires_grad for leaf in leaves)
+    return wants_gradient(leaves)

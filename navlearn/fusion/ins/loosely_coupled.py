@@ -12,6 +12,7 @@ from torch import Tensor, nn
 
 from navlearn.errors import ConfigError, ShapeError
 from navlearn.filters.ins_belief import InsBelief, map_ins_belief
+from navlearn.fusion.batch_axis import first, unsqueezed
 from navlearn.fusion.ins.checks import check_ins_history, check_ins_inputs
 from navlearn.fusion.ins.composed import predict_ins_composed
 from navlearn.fusion.ins.fast import run_ins_fast
@@ -86,10 +87,10 @@ class InsEkf(nn.Module):
             raise ConfigError(f"filter: found method {method!r}; choose exact, fast or sequential")
         if samples.dt.dim() == 1:
             batched = self.forward(
-                map_ins_belief(start, _unsqueezed),
-                ImuSample(*map(_unsqueezed, samples)),
-                GnssFix(*map(_unsqueezed, fixes)),
-                FixTiming(*map(_unsqueezed, timing)),
+                map_ins_belief(start, unsqueezed),
+                ImuSample(*map(unsqueezed, samples)),
+                GnssFix(*map(unsqueezed, fixes)),
+                FixTiming(*map(unsqueezed, timing)),
                 method=method,
             )
             return _without_batch(batched)
@@ -159,21 +160,13 @@ class InsEkf(nn.Module):
         return end_ins_block(self.model, carried, occasion, self.noise)[1].belief
 
 
-def _unsqueezed(x: Tensor) -> Tensor:
-    return x.unsqueeze(0)
-
-
-def _first(x: Tensor) -> Tensor:
-    return x[0]
-
-
 def _without_batch(history: InsHistory) -> InsHistory:
     return history._replace(
         end=history.end[0],
         fix=history.fix[0],
-        prior=map_ins_belief(history.prior, _first),
-        belief=map_ins_belief(history.belief, _first),
-        trajectory=InsState(*map(_first, history.trajectory)),
+        prior=map_ins_belief(history.prior, first),
+        belief=map_ins_belief(history.belief, first),
+        trajectory=InsState(*map(first, history.trajectory)),
         innovation=history.innovation[0],
         nis=history.nis[0],
         verdict=history.verdict[0],

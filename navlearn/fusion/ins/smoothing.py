@@ -14,6 +14,7 @@ from torch import Tensor
 
 from navlearn.errors import ShapeError
 from navlearn.filters.ins_belief import InsBelief, map_ins_belief
+from navlearn.fusion.batch_axis import first, unsqueezed
 from navlearn.fusion.ins.fast import largest_move
 from navlearn.fusion.ins.history import InsHistory
 from navlearn.fusion.ins.loosely_coupled import InsEkf
@@ -76,10 +77,10 @@ def smooth_ins(
     if samples.dt.dim() == 1:
         batched = smooth_ins(
             ekf,
-            map_ins_belief(start, _unsqueezed),
-            ImuSample(*map(_unsqueezed, samples)),
-            GnssFix(*map(_unsqueezed, fixes)),
-            FixTiming(*map(_unsqueezed, timing)),
+            map_ins_belief(start, unsqueezed),
+            ImuSample(*map(unsqueezed, samples)),
+            GnssFix(*map(unsqueezed, fixes)),
+            FixTiming(*map(unsqueezed, timing)),
             _with_batch(history),
             options,
         )
@@ -107,19 +108,11 @@ def smooth_ins(
     )
 
 
-def _unsqueezed(x: Tensor) -> Tensor:
-    return x.unsqueeze(0)
-
-
-def _first(x: Tensor) -> Tensor:
-    return x[0]
-
-
 def _with_batch(history: InsHistory) -> InsHistory:
     return history._replace(
         end=history.end.unsqueeze(0),
-        prior=map_ins_belief(history.prior, _unsqueezed),
-        belief=map_ins_belief(history.belief, _unsqueezed),
+        prior=map_ins_belief(history.prior, unsqueezed),
+        belief=map_ins_belief(history.belief, unsqueezed),
         innovation=history.innovation.unsqueeze(0),
         verdict=history.verdict.unsqueeze(0),
     )
@@ -128,9 +121,9 @@ def _with_batch(history: InsHistory) -> InsHistory:
 def _without_batch(drive: SmoothedInsDrive) -> SmoothedInsDrive:
     return SmoothedInsDrive(
         drive.end[0],
-        map_ins_belief(drive.start, _first),
-        map_ins_belief(drive.belief, _first),
-        InsState(*map(_first, drive.trajectory)),
+        map_ins_belief(drive.start, first),
+        map_ins_belief(drive.belief, first),
+        InsState(*map(first, drive.trajectory)),
         drive.transition[0],
         drive.gain[0],
         drive.passes,
