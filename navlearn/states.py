@@ -123,8 +123,44 @@ class GnssFix(NamedTuple):
     has_velocity: Tensor
 
 
+class SatelliteRanges(NamedTuple):
+    """Raw ranges of M receptions to S satellites, shape (..., M, S) each unless said otherwise.
+
+    A satellite keeps its place along S through a drive. What is not measured may hold any finite
+    value. Ranges are free of what the broadcast tells: satellite clock, ionosphere, troposphere.
+
+    Attributes:
+        satellite: Satellite when it sent, Earth-fixed axes of the moment of reception, m, shape
+            (..., M, S, 3).
+        satellite_velocity: Its velocity against the Earth in the same axes, m/s, shape
+            (..., M, S, 3).
+        pseudorange: Geometric range plus receiver clock plus error, m.
+        range_rate: Its rate by Doppler, m/s, positive when moving apart.
+        elevation: Elevation of the satellite over the car's horizon, rad.
+        cn0: Carrier-to-noise density, dB-Hz; 45 where the log has none.
+        std_range: Deviation that the receiver tells of its pseudorange, m; 0 where it tells none.
+        std_rate: The same of the range rate, m/s.
+        system: Whose time the satellite keeps: 0 for the first system of the log, then 1, 2, …,
+            int64, shape (..., S).
+        has_range: 1.0 where the pseudorange may be used, else 0.0.
+        has_rate: 1.0 where the range rate may be used, else 0.0.
+    """
+
+    satellite: Tensor
+    satellite_velocity: Tensor
+    pseudorange: Tensor
+    range_rate: Tensor
+    elevation: Tensor
+    cn0: Tensor
+    std_range: Tensor
+    std_rate: Tensor
+    system: Tensor
+    has_range: Tensor
+    has_rate: Tensor
+
+
 class FixTiming(NamedTuple):
-    """Where fixes fall among the samples, shape (..., M) each.
+    """Where fixes, or receptions of ranges, fall among the samples, shape (..., M) each.
 
     Attributes:
         index: The fix is used at the end of interval ``index``, int64, not decreasing; −1 marks

@@ -35,6 +35,9 @@ class Published:
         time_scale: Name of the log's own clock.
         interval_means: Tables whose samples are means over the interval ending at their time.
         extra: Anything else worth keeping.
+        range_corrections: What has already been done to the ranges.
+        klobuchar: Ionosphere as GPS broadcasts it, α₀ to α₃ and β₀ to β₃.
+        gps_time_origin: What t = 0 of the log's own clock was, GPS seconds.
     """
 
     tables: Mapping[str, pd.DataFrame]
@@ -45,6 +48,9 @@ class Published:
     time_scale: str = ""
     interval_means: tuple[str, ...] = ()
     extra: Mapping[str, object] = field(default_factory=dict)
+    range_corrections: tuple[str, ...] = ()
+    klobuchar: tuple[float, ...] = ()
+    gps_time_origin: float | None = None
 
 
 def assemble(published: Published, descriptor: Descriptor) -> DriveLog:
@@ -69,7 +75,10 @@ def assemble(published: Published, descriptor: Descriptor) -> DriveLog:
     for name in ("odometer", "fixes"):
         tables.setdefault(name, without_rows(name))
     if descriptor.on_backstep == "drop":
-        tables = {name: without_backsteps(table) for name, table in tables.items()}
+        tables = {
+            name: table if name == "ranges" else without_backsteps(table)
+            for name, table in tables.items()
+        }
     tables["imu"] = turned(tables["imu"], descriptor.body_from_sensor(published.axes))
     geoid = descriptor.geoid_height
     tables["fixes"] = _ellipsoidal(
@@ -86,6 +95,7 @@ def assemble(published: Published, descriptor: Descriptor) -> DriveLog:
         odometer=_ordered("odometer", tables["odometer"]),
         fixes=_ordered("fixes", fixes),
         reference=_ordered("reference", tables["reference"]) if "reference" in tables else None,
+        ranges=_ordered("ranges", tables["ranges"]) if "ranges" in tables else None,
         metadata=_metadata(published, descriptor),
     )
     checked = validate_log(section(log, descriptor.section_s))
@@ -125,10 +135,10 @@ def _require_tables(published: Published, tables: Mapping[str, pd.DataFrame]) ->
             f"{published.source}: no table imu, which every drive log needs (found: {found}); it "
             f"has the columns t, {', '.join(REQUIRED['imu'])}"
         )
-    if "fixes" not in tables and "reference" not in tables:
+    if not {"fixes", "reference", "ranges"} & set(tables):
         raise LogError(
-            f"{published.source}: neither a table fixes nor a table reference (found: {found}); a "
-            "drive needs GNSS fixes, or a reference that they can be made from"
+            f"{published.source}: no table fixes, ranges or reference (found: {found}); a drive "
+            "needs GNSS fixes, or ranges or a reference that they can be made from"
         )
 
 
@@ -156,6 +166,9 @@ def _metadata(published: Published, descriptor: Descriptor) -> LogMetadata:
         interval_means=published.interval_means,
         sensors=dict(descriptor.sensors),
         extra={"files": dict(published.files), **_removed(descriptor), **published.extra},
+        range_corrections=published.range_corrections,
+        klobuchar=published.klobuchar,
+        gps_time_origin=published.gps_time_origin,
     )
 
 

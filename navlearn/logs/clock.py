@@ -19,7 +19,9 @@ def from_first_sample(log: DriveLog) -> DriveLog:
     origin = _origin(log)
     if origin == 0.0:
         return log
-    metadata = replace(log.metadata, time_origin=log.metadata.time_origin + origin)
+    known = log.metadata
+    gps = None if known.gps_time_origin is None else known.gps_time_origin + origin
+    metadata = replace(known, time_origin=known.time_origin + origin, gps_time_origin=gps)
     return _shifted(log, dict.fromkeys(log.tables(), -origin), metadata)
 
 
@@ -47,7 +49,7 @@ def section(log: DriveLog, span: tuple[float | None, float | None]) -> DriveLog:
 
 
 def without_latency(log: DriveLog) -> DriveLog:
-    """Return the log with its known latencies taken off the times of fixes and odometer.
+    """Return the log with its known latencies taken off the times of GNSS and odometer.
 
     Args:
         log: Drive whose metadata state ``gnss_latency`` and ``odometer_latency``.
@@ -60,6 +62,8 @@ def without_latency(log: DriveLog) -> DriveLog:
     if known.latency_removed or (known.gnss_latency == 0.0 and known.odometer_latency == 0.0):
         return log
     shifts = {"fixes": -known.gnss_latency, "odometer": -known.odometer_latency}
+    if log.ranges is not None:
+        shifts["ranges"] = -known.gnss_latency
     return _shifted(log, shifts, replace(known, latency_removed=True))
 
 

@@ -1,6 +1,7 @@
 """The canonical columns of a drive log's tables, with unit and meaning.
 
-Every table has ``t``: seconds from the start of the log, float64, strictly increasing.
+Every table has ``t``: seconds from the start of the log, float64, strictly increasing (but in
+``ranges``, where the satellites of one reception share it).
 A column that a log does not have is absent; a value that is not available is NaN.
 """
 
@@ -48,11 +49,41 @@ REFERENCE: Final[dict[str, str]] = {
 }
 """``reference``: ``lat`` and ``lon`` are required."""
 
+RANGES: Final[dict[str, str]] = {
+    "satellite": "text: constellation by its RINEX letter (G GPS, R GLONASS, E Galileo, C BeiDou, "
+    "J QZSS, S SBAS) and number, such as G07",
+    "pseudorange": "code pseudorange on the receiver's clock, m",
+    "range_rate": "rate of the pseudorange by Doppler, m/s, positive when moving apart",
+    "cn0": "carrier-to-noise density, dB-Hz",
+    "std_range": "standard deviation of the pseudorange as the receiver tells it, m",
+    "std_rate": "standard deviation of the range rate as the receiver tells it, m/s",
+    "sat_x": "satellite when it sent, Earth-fixed x, m",
+    "sat_y": "the same, y, m",
+    "sat_z": "the same, z, m",
+    "sat_vx": "velocity of the satellite against the Earth, x, m/s",
+    "sat_vy": "the same, y, m/s",
+    "sat_vz": "the same, z, m/s",
+    "sat_clock": "satellite clock ahead of its system's time, times the speed of light, m: added "
+    "to the pseudorange",
+    "sat_clock_rate": "its rate, m/s: added to the range rate",
+    "ionosphere": "delay by the ionosphere, m: taken off the pseudorange",
+    "troposphere": "delay by the troposphere, m: taken off the pseudorange",
+}
+"""``ranges``, optional: one row per reception and satellite, ordered by time; the rows of one
+reception share their time. Which corrections are already in the values is told by
+``LogMetadata.range_corrections``. All but ``range_rate`` to ``std_rate``, velocities, clocks and
+delays are required."""
+
+RANGE_CORRECTIONS: Final = ("satellite_clock", "ionosphere", "troposphere", "earth_rotation")
+"""What may already have been done to the ranges of a log. ``earth_rotation``: the satellite's
+position is in the axes of the moment of reception, not of sending."""
+
 TABLES: Final[dict[str, dict[str, str]]] = {
     "imu": IMU,
     "odometer": ODOMETER,
     "fixes": FIXES,
     "reference": REFERENCE,
+    "ranges": RANGES,
 }
 
 REQUIRED: Final[dict[str, tuple[str, ...]]] = {
@@ -60,4 +91,5 @@ REQUIRED: Final[dict[str, tuple[str, ...]]] = {
     "odometer": ("speed",),
     "fixes": ("lat", "lon"),
     "reference": ("lat", "lon"),
+    "ranges": ("satellite", "pseudorange", "sat_x", "sat_y", "sat_z"),
 }

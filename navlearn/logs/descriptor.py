@@ -36,7 +36,7 @@ FormatName = Annotated[
     Literal["navinst", "canedge", "kitti", "comma2k19", "sensorlogger", "csv", "native"],
     BeforeValidator(lambda name: FORMAT_ALIASES.get(name, name) if isinstance(name, str) else name),
 ]
-TableName = Literal["imu", "odometer", "fixes", "reference"]
+TableName = Literal["imu", "odometer", "fixes", "reference", "ranges"]
 Backstep = Literal["error", "drop"]
 Seconds = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 

@@ -54,6 +54,10 @@ class LogMetadata:
             at their time; samples of the others hold at the instant of their time.
         sensors: Free text per sensor: make, grade, step, rate.
         start: State of the car at the log's first sample, where it is known.
+        range_corrections: What has already been done to the ranges, of
+            :data:`navlearn.logs.columns.RANGE_CORRECTIONS`.
+        klobuchar: Ionosphere as GPS broadcasts it, α₀ to α₃ and β₀ to β₃; empty where unknown.
+        gps_time_origin: What t = 0 was, GPS seconds since 6 January 1980, where it is known.
         is_truth: Whether ``reference`` is simulation truth rather than a better instrument.
         extra: Anything else a reader wishes to keep, as plain values.
     """
@@ -70,6 +74,9 @@ class LogMetadata:
     interval_means: tuple[str, ...] = ()
     sensors: Mapping[str, str] = field(default_factory=dict)
     start: StatedStart | None = None
+    range_corrections: tuple[str, ...] = ()
+    klobuchar: tuple[float, ...] = ()
+    gps_time_origin: float | None = None
     is_truth: bool = False
     extra: Mapping[str, object] = field(default_factory=dict)
 
@@ -84,6 +91,7 @@ class DriveLog:
         fixes: GNSS solutions.
         reference: A better solution to judge with, or None.
         metadata: What is known beside the samples.
+        ranges: Raw GNSS ranges, or None.
     """
 
     imu: pd.DataFrame
@@ -91,12 +99,15 @@ class DriveLog:
     fixes: pd.DataFrame
     reference: pd.DataFrame | None
     metadata: LogMetadata
+    ranges: pd.DataFrame | None = None
 
     def tables(self) -> dict[str, pd.DataFrame]:
         """Return the tables that the log has, by name."""
         found = {"imu": self.imu, "odometer": self.odometer, "fixes": self.fixes}
         if self.reference is not None:
             found["reference"] = self.reference
+        if self.ranges is not None:
+            found["ranges"] = self.ranges
         return found
 
     @property
@@ -135,12 +146,17 @@ class DriveLog:
             fixes=every["fixes"],
             reference=every.get("reference"),
             metadata=self.metadata,
+            ranges=every.get("ranges"),
         )
 
-    def without_fixes_from(self, start: float) -> "DriveLog":
-        """Return the log in which no fix at or after a time exists.
+    def without_fixes_from(self, start: float, *, visible: tuple[str, ...] = ()) -> "DriveLog":
+        """Return the log in which no fix at or after a time exists, and no range but of some.
 
         Args:
-            start: Time from which fixes are taken away, s.
+            start: Time from which fixes and ranges are taken away, s.
+            visible: Satellites whose ranges stay, such as ``G07``.
         """
-        return replace(self, fixes=self.fixes[self.fixes["t"] < start])
+        ranges = self.ranges
+        if ranges is not None:
+            ranges = ranges[(ranges["t"] < start) | ranges["satellite"].isin(visible)]
+        return replace(self, fixes=self.fixes[self.fixes["t"] < start], ranges=ranges)

@@ -15,6 +15,7 @@ from navlearn.logs.columns import REQUIRED, TABLES
 from navlearn.logs.drive_log import DriveLog
 from navlearn.logs.interval_means import FloatArray
 from navlearn.logs.nearest import nearest_hint
+from navlearn.logs.range_checks import checked_ranges
 
 FASTEST_CAR: Final = 120.0
 """No road car drives faster, m/s."""
@@ -26,11 +27,15 @@ FASTEST_TURN: Final = 3.5
 """Hardly any sample of a driving car turns faster, rad/s (200 °/s)."""
 
 
+TEXTS: Final = ("satellite",)
+"""Columns that hold text."""
+
+
 def validate_log(log: DriveLog) -> DriveLog:
     """Return the log, all columns float64, or refuse it.
 
-    A car need not have an odometer, nor fixes of its own where there is a reference: then the
-    table has its columns, but neither rows nor a file.
+    A car need not have an odometer, nor fixes of its own where there is a reference or there are
+    raw ranges: then the table has its columns, but neither rows nor a file.
 
     Args:
         log: Drive to check.
@@ -60,7 +65,7 @@ def label(log: DriveLog, table: str) -> str:
 
 
 def as_numbers(where: str, table: pd.DataFrame) -> pd.DataFrame:
-    """Return a table with every column float64 and finite or NaN.
+    """Return a table with every column float64 and finite or NaN, but those that are text.
 
     Args:
         where: Name of the table in messages.
@@ -69,7 +74,14 @@ def as_numbers(where: str, table: pd.DataFrame) -> pd.DataFrame:
     Raises:
         LogError: A column holds something else than numbers, or infinity.
     """
-    return pd.DataFrame({str(column): _numbers(where, str(column), table) for column in table})
+    return pd.DataFrame(
+        {
+            str(column): table[column].astype("str")
+            if column in TEXTS
+            else _numbers(where, str(column), table)
+            for column in table
+        }
+    )
 
 
 def _checked_table(log: DriveLog, name: str) -> pd.DataFrame:
@@ -81,6 +93,8 @@ def _checked_table(log: DriveLog, name: str) -> pd.DataFrame:
             "was written to its end"
         )
     numbers = as_numbers(where, table)
+    if name == "ranges":
+        return checked_ranges(where, numbers)
     _require_increasing_time(where, numbers["t"].to_numpy())
     for column in REQUIRED[name]:
         _require_finite(where, name, column, numbers)
@@ -89,7 +103,11 @@ def _checked_table(log: DriveLog, name: str) -> pd.DataFrame:
 
 
 def _fewest_rows(log: DriveLog, name: str) -> int:
-    dispensable = name == "odometer" or (name == "fixes" and log.reference is not None)
+    if name == "ranges":
+        return 0
+    dispensable = name == "odometer" or (
+        name == "fixes" and (log.reference is not None or log.ranges is not None)
+    )
     if dispensable and log.tables()[name].empty:
         files = log.metadata.extra.get("files")
         return 1 if isinstance(files, dict) and name in files else 0

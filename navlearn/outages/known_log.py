@@ -26,13 +26,16 @@ def known_log(log: DriveLog, outage: Outage, *, after: float = 0.0) -> DriveLog:
             that navigate in real time.
 
     Returns:
-        The log without fixes from the outage's start, but for those between its end and
-        ``after`` later; without sensor samples after that; without reference, and without what
-        the metadata tell beside their own fields, such as the errors of a synthetic gyro.
+        The log without fixes and ranges from the outage's start, but for those between its end and
+        ``after`` later, and the ranges of the satellites that stay visible; without sensor samples
+        after that; without reference, and without what the metadata tell beside their own fields,
+        such as the errors of a synthetic gyro.
     """
     last = outage.end + after
+    open_sky = log.without_fixes_from(outage.start, visible=outage.satellites_visible)
     known = replace(
-        log.without_fixes_from(outage.start),
+        open_sky,
+        ranges=None if open_sky.ranges is None else _until(open_sky.ranges, last),
         imu=_until(log.imu, last),
         odometer=_until(log.odometer, last),
         reference=None,
@@ -40,9 +43,16 @@ def known_log(log: DriveLog, outage: Outage, *, after: float = 0.0) -> DriveLog:
     )
     if after == 0.0:
         return known
-    t = log.fixes["t"]
-    seen = (t < outage.start) | ((t >= outage.end) & (t <= last))
-    return replace(known, fixes=log.fixes[seen])
+    known = replace(known, fixes=log.fixes[_outside(log.fixes, outage, last)])
+    if log.ranges is None:
+        return known
+    stays = log.ranges["satellite"].isin(outage.satellites_visible) & (log.ranges["t"] <= last)
+    return replace(known, ranges=log.ranges[_outside(log.ranges, outage, last) | stays])
+
+
+def _outside(table: pd.DataFrame, outage: Outage, last: float) -> "pd.Series[bool]":
+    t = table["t"]
+    return (t < outage.start) | ((t >= outage.end) & (t <= last))
 
 
 def _names_of_files(log: DriveLog) -> dict[str, Any]:

@@ -177,7 +177,7 @@ def test_a_car_without_odometer_and_a_reference_without_fixes(tmp_path, tables):
     (tmp_path / "log" / "odometer.csv").unlink()
     (tmp_path / "log" / "reference.csv").unlink()
     layout = {"imu": {"file": "imu.csv"}}
-    with pytest.raises(LogError, match=r"neither a table fixes nor a table reference"):
+    with pytest.raises(LogError, match=r"no table fixes, ranges or reference"):
         read_log(described(tmp_path, tables=layout))
 
 

@@ -148,7 +148,7 @@ def test_a_method_cannot_see_less_than_the_outage(log: DriveLog) -> None:
 def test_every_table_of_a_log_has_a_rule() -> None:
     """A table added to DriveLog needs a decision in known_log about what it may show."""
     names = {one.name for one in fields(DriveLog)}
-    assert names == {"imu", "odometer", "fixes", "reference", "metadata"}
+    assert names == {"imu", "odometer", "fixes", "reference", "metadata", "ranges"}
 
 
 @pytest.mark.parametrize("batched", [False, True])

@@ -38,6 +38,7 @@ STEMS: Final[dict[str, tuple[str, ...]]] = {
     "odometer": ("odometer",),
     "fixes": ("fixes", "gnss"),
     "reference": ("reference",),
+    "ranges": ("ranges",),
 }
 """File names, without ending, that a folder without a descriptor may use for each table."""
 

@@ -103,6 +103,7 @@ def load_log(folder: Path | str) -> DriveLog:
             fixes=tables["fixes"],
             reference=tables.get("reference"),
             metadata=_metadata(header["metadata"]),
+            ranges=tables.get("ranges"),
         )
     )
 

@@ -1,0 +1,31 @@
+"""What a tightly coupled filter believes: a vehicle and a receiver's clock."""
+
+from typing import Generic, NamedTuple, TypeVar
+
+from torch import Tensor
+
+from navlearn.filters.belief import Belief
+from navlearn.filters.ins_belief import InsBelief
+
+AnyBelief = TypeVar("AnyBelief", Belief, InsBelief)
+
+
+class TightBelief(NamedTuple, Generic[AnyBelief]):
+    """Estimate of a vehicle and of the clock of its receiver, and how far it is trusted.
+
+    The covariance is that of the error (estimate minus truth): the vehicle's n error states in
+    their own order, then the c clock states.
+
+    Attributes:
+        vehicle: The vehicle's belief; its own covariance is the upper left block of the whole.
+        clock: Receiver clock ahead of the first system's time, times the speed of light, m; its
+            drift, m/s; then the time of each further system ahead of the first, m. Shape (..., c).
+        covariance: Covariance of the whole error, shape (..., n + c, n + c).
+        refused: Consecutive refusals by the gate, pseudoranges then range rates of each satellite,
+            shape (..., 2 S).
+    """
+
+    vehicle: AnyBelief
+    clock: Tensor
+    covariance: Tensor
+    refused: Tensor

@@ -1,0 +1,1 @@
+"""The tightly coupled filter: ranges and range rates of single satellites correct a vehicle."""

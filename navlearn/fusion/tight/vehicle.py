@@ -1,0 +1,149 @@
+"""What a tightly coupled filter asks of a vehicle: RISS and full IMU answer alike.
+
+The tight filter knows nothing of mechanization. A vehicle lays its samples out in blocks that end
+where ranges are received, predicts over blocks with its transition, measures what it measures of
+itself (standstill, odometer, axle), tells where its antenna is, and takes corrections.
+"""
+
+from typing import Any, NamedTuple, Protocol, TypeVar
+
+from torch import Tensor
+
+from navlearn.filters.belief import Belief
+from navlearn.filters.ins_belief import InsBelief
+from navlearn.fusion.blocks import Blocks
+from navlearn.fusion.measurements import Rows
+from navlearn.fusion.options import GateOptions
+from navlearn.fusion.updates import Measured
+from navlearn.states import FixTiming, GnssFix, ImuSample, InsState, RissSample, Trajectory
+
+AnyBelief = TypeVar("AnyBelief", Belief, InsBelief)
+
+
+class VehicleLine(NamedTuple):
+    """A batch of drives laid out in blocks.
+
+    Attributes:
+        blocks: Where the blocks are; ``blocks.fix`` counts receptions of ranges.
+        line: The vehicle's own timeline, whose samples and occasions are of shape (B, K, ...).
+        delay: End of each block minus the time of the reception, s, shape (B, K).
+    """
+
+    blocks: Blocks
+    line: Any
+    delay: Tensor
+
+
+class VehicleAhead(NamedTuple):
+    """Blocks as predicted from a belief, with their linearisation there.
+
+    Attributes:
+        belief: Belief at the end, covariance as at the start, batch shape (...).
+        transition: Φ, shape (..., n, n).
+        noise: Q, shape (..., n, n).
+    """
+
+    belief: Any
+    transition: Tensor
+    noise: Tensor
+
+
+class Antenna(NamedTuple):
+    """Where the antenna was when the ranges were received, and how a correction moves it.
+
+    Attributes:
+        lat: Latitude, rad, shape (...).
+        lon: Longitude, rad, shape (...).
+        height: Height above the ellipsoid, m, shape (...).
+        velocity: Velocity against the Earth, east, north, up, m/s, shape (..., 3).
+        position_by_error: Change of its position east, north, up per correction, shape (..., 3, n).
+        velocity_by_error: Change of its velocity per correction, shape (..., 3, n).
+    """
+
+    lat: Tensor
+    lon: Tensor
+    height: Tensor
+    velocity: Tensor
+    position_by_error: Tensor
+    velocity_by_error: Tensor
+
+
+class Vehicle(Protocol[AnyBelief]):
+    """A vehicle under a tightly coupled filter; batch-first, differentiable, without state.
+
+    Attributes:
+        names: Names of its n error states, in order.
+        rows: Rows of what it measures of itself; GNSS fixes are among the kinds where asked.
+        limits: Largest NIS that the gate lets pass, per kind taken.
+        gate: When a measurement is refused.
+    """
+
+    @property
+    def names(self) -> tuple[str, ...]: ...  # noqa: D102
+
+    @property
+    def rows(self) -> Rows: ...  # noqa: D102
+
+    @property
+    def limits(self) -> tuple[float, ...]: ...  # noqa: D102
+
+    @property
+    def gate(self) -> GateOptions: ...  # noqa: D102
+
+    def laid_out(
+        self, samples: RissSample | ImuSample, fixes: GnssFix | None, timing: FixTiming
+    ) -> VehicleLine:
+        """Return drives in blocks that end where ranges are received.
+
+        Args:
+            samples: Samples, batch shape (B, T).
+            fixes: Fixes at the same moments as the ranges, shape (B, M) each, or None.
+            timing: Where the receptions fall, shape (B, M) each.
+        """
+        ...
+
+    def block(self, line: VehicleLine, k: int) -> Any:
+        """Return what the methods below take of one block, batch shape (B,)."""
+        ...
+
+    def all_blocks(self, line: VehicleLine) -> Any:
+        """Return the same of all blocks at once, batch shape (B, K)."""
+        ...
+
+    def predicted(self, belief: AnyBelief, block: Any) -> VehicleAhead:
+        """Return the prediction over blocks from the beliefs at their starts."""
+        ...
+
+    def measured(self, belief: AnyBelief, block: Any) -> Measured:
+        """Return what the vehicle measures of itself at the ends of blocks."""
+        ...
+
+    def antenna(self, belief: AnyBelief, block: Any, delay: Tensor) -> Antenna:
+        """Return where the antenna was ``delay`` seconds before the ends of blocks."""
+        ...
+
+    def moved(self, belief: AnyBelief, correction: Tensor, block: Any) -> AnyBelief:
+        """Return a belief moved by a correction, shape (..., n); its covariance stays."""
+        ...
+
+    def difference(self, belief: AnyBelief, other: AnyBelief, block: Any) -> Tensor:
+        """Return minus the correction by which ``moved`` leads from ``belief`` to ``other``."""
+        ...
+
+    def opened(self, verdict: Tensor, found: Measured, innovation: Tensor) -> Tensor:
+        """Return the variance added where the gate resets one of its own kinds, shape (..., n)."""
+        ...
+
+    def largest_move(self, new: AnyBelief, old: AnyBelief) -> float:
+        """Return how far the worst block's start moved between two passes, m."""
+        ...
+
+    def path(self, start: AnyBelief, after: AnyBelief, line: VehicleLine) -> Trajectory | InsState:
+        """Return the causal solution at full rate, batch shape (B, T).
+
+        Args:
+            start: Belief before the first block, batch shape (B,).
+            after: Belief after each block, batch shape (B, K).
+            line: The drives in blocks.
+        """
+        ...

@@ -1,0 +1,1 @@
+"""Satellites: orbits, delays of their signals, and positions from ranges alone."""
