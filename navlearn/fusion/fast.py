@@ -84,17 +84,22 @@ class _Passes(NamedTuple):
         return starts_of_blocks(self.start, record.belief)
 
     def move(self, new: Belief, old: Belief) -> float:
-        return _largest_move(new, old)
+        return largest_move(new, old)
 
     def trusts(self, new: Belief, old: Belief) -> bool:
-        return _largest_move(new, old) < TRUSTED
+        return largest_move(new, old) < TRUSTED
 
     def detached(self, begin: Belief) -> Belief:
         return map_belief(begin, Tensor.detach)
 
 
-def _largest_move(new: Belief, old: Belief) -> float:
-    """Return how far the worst block's start moved, m; azimuth counts as 30 m ahead of the car."""
+def largest_move(new: Belief, old: Belief) -> float:
+    """Return how far the worst block's start moved, m; azimuth counts as 30 m ahead of the car.
+
+    Args:
+        new: Beliefs at which blocks start, batch shape (B, K).
+        old: The same before.
+    """
     position = position_difference(new.state, old.state).abs().amax()
     azimuth = (new.state.azimuth - old.state.azimuth).abs().amax()
     return float(torch.maximum(position, 30.0 * azimuth))

@@ -14,9 +14,10 @@ from torch import Tensor
 
 from navlearn.attitude import wrap_angle
 from navlearn.filters.belief import Belief
+from navlearn.fusion.antenna import antenna_offset, antenna_velocity
 from navlearn.fusion.error_state import ErrorLayout, position_difference
 from navlearn.fusion.ground_velocity import BlockEnd, Odometry, ground_velocity, odometry
-from navlearn.fusion.lever_arm import LeverArm, arm_columns, turned_arm
+from navlearn.fusion.lever_arm import LeverArm, turned_arm
 from navlearn.fusion.measurements import Kind, Rows
 from navlearn.fusion.noise import EkfNoise
 from navlearn.fusion.sensor_errors import SensorErrors
@@ -100,7 +101,7 @@ def measured(
         Innovations of all kinds.
     """
     told = odometry(model.errors, occasion.end, belief.sensor)
-    scene = _Scene(model, belief, occasion, told, _arm(model, belief, occasion), noise)
+    scene = _Scene(model, belief, occasion, told, arm_of(model, belief, occasion.end), noise)
     build: dict[IntEnum, Callable[[_Scene], _Part]] = {
         Kind.POSITION: _position,
         Kind.VELOCITY: _velocity,
@@ -155,64 +156,41 @@ class _Scene(NamedTuple):
     noise: EkfNoise
 
 
-def _arm(model: MeasurementModel, belief: Belief, occasion: Occasion) -> LeverArm | None:
+def arm_of(model: MeasurementModel, belief: Belief, end: BlockEnd) -> LeverArm | None:
+    """Return the lever arm at the end of blocks, None where the antenna is where one navigates.
+
+    Args:
+        model: What the filter measures.
+        belief: Belief at the end, batch shape (...).
+        end: Last sample of each block, shape (...) each.
+    """
     if model.lever_arm is None:
         return None
-    return turned_arm(model.errors, model.lever_arm, belief, occasion.end.sample)
+    return turned_arm(model.errors, model.lever_arm, belief, end.sample)
 
 
 def _position(scene: _Scene) -> _Part:
     model, belief, occasion, told, arm, noise = scene
-    fix, lag = occasion.fix, occasion.delay
+    fix = occasion.fix
     at = NavState(fix.lat, fix.lon, fix.height, belief.state.azimuth)
-    innovation = position_difference(at, belief.state)
-    unit = torch.eye(3, dtype=lag.dtype, device=lag.device).expand(*lag.shape, 3, 3)
-    observation = torch.nn.functional.pad(unit, (0, model.layout.size - 3))
-    if lag.requires_grad or bool((lag != 0.0).any()):
-        moved = ground_velocity(
-            model.errors, told, belief.state.azimuth, belief.velocity_offset, 0.5 * lag
-        )
-        back = lag.unsqueeze(-1)
-        innovation = innovation + back * moved.velocity
-        observation = observation - back.unsqueeze(-1) * moved.by_error
-    if arm is not None:
-        innovation = innovation - arm.arm
-        observation = observation + arm_columns(model.layout, model.errors, arm)
+    there = antenna_offset(model.errors, model.layout, belief, told, arm, occasion.delay)
+    innovation = position_difference(at, belief.state) - there.value
     sigma = torch.stack((fix.std_e, fix.std_n, fix.std_u), -1) * noise.position_inflation
     floor = torch.stack((noise.position_floor, noise.position_floor, noise.height_floor))
-    return _Part(innovation, observation, sigma * sigma + floor * floor, fix.has_position)
+    return _Part(innovation, there.by_error, sigma * sigma + floor * floor, fix.has_position)
 
 
 def _velocity(scene: _Scene) -> _Part:
     model, belief, occasion, told, arm, noise = scene
     fix = occasion.fix
-    now = ground_velocity(
-        model.errors, told, belief.state.azimuth, belief.velocity_offset, occasion.delay
-    )
-    predicted, observation = now.velocity, now.by_error
-    if arm is not None:
-        rate = told.turn.rate.unsqueeze(-1)
-        predicted = predicted + rate * arm.by_azimuth
-        swing = arm.by_azimuth.unsqueeze(-1) * told.turn.by_error.unsqueeze(-2)
-        e, n, _ = arm.arm.unbind(-1)
-        inwards = -rate * torch.stack((e, n, torch.zeros_like(e)), -1)
-        at = model.layout.azimuth
-        observation = observation + swing
-        if model.errors.pitch_bias:
-            tip_e, tip_n, _ = arm.by_pitch_bias.unbind(-1)
-            tipped = torch.stack((tip_n, -tip_e, torch.zeros_like(e)), -1)
-            column = (rate * tipped).unsqueeze(-1)
-            observation = observation + torch.nn.functional.pad(column, (model.layout.size - 1, 0))
-        observation = observation + torch.nn.functional.pad(
-            inwards.unsqueeze(-1), (at, model.layout.size - at - 1)
-        )
+    now = antenna_velocity(model.errors, model.layout, belief, told, arm, occasion.delay)
     rows = model.rows.of(Kind.VELOCITY)
     count = 3 if rows is None else rows.stop - rows.start
-    innovation = torch.stack((fix.v_e, fix.v_n, fix.v_u), -1) - predicted
+    innovation = torch.stack((fix.v_e, fix.v_n, fix.v_u), -1) - now.value
     variance = _velocity_variance(fix, noise).unsqueeze(-1).expand(innovation.shape)
     return _Part(
         innovation[..., :count],
-        observation[..., :count, :],
+        now.by_error[..., :count, :],
         variance[..., :count],
         fix.has_velocity,
     )

@@ -37,19 +37,34 @@ def predict_ins_composed(
         What is carried to the block's end; the trajectory inside is left to a later pass.
     """
     point, deviation = carried
+    moved, transition, q = ahead_of(model, point, samples, noise)
+    moved = moved._replace(covariance=propagated(point.covariance, transition, q))
+    if not model.closed:
+        deviation = (transition @ deviation.unsqueeze(-1)).squeeze(-1)
+    return InsCarried(moved, deviation), None
+
+
+def ahead_of(
+    model: InsFilterModel, point: InsBelief, samples: ImuSample, noise: InsNoise
+) -> tuple[InsBelief, Tensor, Tensor]:
+    """Return the ends of blocks and their linearisation.
+
+    Args:
+        model: The filter.
+        point: Belief at the start of each block, batch shape (...).
+        samples: Samples of the blocks, coning compensated, shape (..., n) each.
+        noise: Noise densities.
+
+    Returns:
+        Belief at the end, covariance as at the start; Φ and Q.
+    """
     compose = by_preintegration if has_closed_form(model) else by_product
     duration = samples.dt.sum(-1)
     # a bias that decays is held at its value in the middle of the block
     held = point._replace(sensor=advanced_sensor(model, point.sensor, 0.5 * duration))
     state, transition, q = compose(model, held, samples, noise)
-    moved = point._replace(
-        state=state,
-        sensor=advanced_sensor(model, point.sensor, duration),
-        covariance=propagated(point.covariance, transition, q),
-    )
-    if not model.closed:
-        deviation = (transition @ deviation.unsqueeze(-1)).squeeze(-1)
-    return InsCarried(moved, deviation), None
+    sensor = advanced_sensor(model, point.sensor, duration)
+    return point._replace(state=state, sensor=sensor), transition, q
 
 
 def by_preintegration(

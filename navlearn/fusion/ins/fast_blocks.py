@@ -5,13 +5,13 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from navlearn.filters.ins_belief import InsBelief
+from navlearn.filters.ins_belief import InsBelief, map_ins_belief
 from navlearn.fusion.ins.composed import preintegrated
-from navlearn.fusion.ins.layout import state_difference
+from navlearn.fusion.ins.layout import belief_difference
 from navlearn.fusion.ins.model import InsFilterModel
 from navlearn.fusion.ins.noise import InsNoise, walks
 from navlearn.mechanization.preintegration import Preintegrated, block_transition, predict
-from navlearn.states import ImuSample, InsState
+from navlearn.states import ImuSample
 
 
 class Sums(NamedTuple):
@@ -104,9 +104,7 @@ def shift_of_ins_blocks(begin: InsBelief, end: InsBelief, transition: Tensor) ->
     Returns:
         Shift in the order of the error state, zero for the first block, shape (B, K, n).
     """
-    before = InsState(*(x[:, :-1] for x in end.state))
-    after = InsState(*(x[:, 1:] for x in begin.state))
-    sensor = end.sensor[:, :-1] - begin.sensor[:, 1:]
-    gap = torch.cat((state_difference(before, after), sensor), -1)
+    before = map_ins_belief(end, lambda x: x[:, :-1])
+    gap = belief_difference(before, map_ins_belief(begin, lambda x: x[:, 1:]))
     gap = torch.nn.functional.pad(gap, (0, 0, 1, 0))
     return (transition @ gap.unsqueeze(-1)).squeeze(-1)

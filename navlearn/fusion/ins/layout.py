@@ -157,3 +157,17 @@ def state_difference(state: InsState, reference: InsState) -> Tensor:
     scale = torch.where(small, 2.0 * torch.where(w < 0.0, -1.0, 1.0), angle / safe)
     phi = scale * axis
     return torch.cat((torch.stack(position, -1), state.v_l - reference.v_l, phi), -1)
+
+
+def belief_difference(belief: InsBelief, reference: InsBelief) -> Tensor:
+    """Return a belief minus another nearby, in the order of the error state.
+
+    Args:
+        belief: Belief, batch shape (...).
+        reference: Belief nearby, batch shape (...).
+
+    Returns:
+        Minus the correction that leads from ``belief`` to ``reference``, shape (..., n).
+    """
+    state = state_difference(belief.state, reference.state)
+    return torch.cat((state, belief.sensor - reference.sensor), -1)

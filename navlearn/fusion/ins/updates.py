@@ -15,6 +15,7 @@ from torch import Tensor
 from navlearn import earth
 from navlearn.filters.ins_belief import InsBelief
 from navlearn.frames import enu_between
+from navlearn.fusion.ins.antenna import ins_antenna_offset, ins_antenna_velocity
 from navlearn.fusion.ins.measurements import InsKind
 from navlearn.fusion.ins.model import InsFilterModel
 from navlearn.fusion.ins.moment import Moment, columns, moment_of, skew_of
@@ -111,49 +112,23 @@ def stands(model: InsFilterModel, rest: InsRest) -> Tensor:
 
 def _position(scene: _Scene) -> _Part:
     model, belief, occasion, now, noise = scene
-    fix, lag = occasion.fix, occasion.delay.unsqueeze(-1)
-    arm = now.level(model.options.lever_arm)
-    swing = now.swung(model.options.lever_arm)
-    # at the fix's time the car was where its velocity half-way took it from
-    back = belief.state.v_l + swing - 0.5 * lag * now.a_l
+    fix = occasion.fix
+    there = ins_antenna_offset(model, belief, now, occasion.delay)
     between = enu_between(fix.lat, fix.lon, fix.height, *belief.state[:3])
-    innovation = torch.stack(between, -1) - arm + lag * back
-    wide = lag.unsqueeze(-1)
-    eye = torch.eye(3, dtype=lag.dtype, device=lag.device).expand(*lag.shape[:-1], 3, 3)
-    observation = columns(
-        model.layout,
-        now,
-        position=eye,
-        velocity=-wide * eye,
-        attitude=-skew_of(arm) + wide * skew_of(swing) - 0.5 * wide * wide * skew_of(now.f_l),
-        omega=wide * now.C_lb @ skew_of(now.arm(model.options.lever_arm)),
-        force=0.5 * wide * wide * now.C_lb,
-    )
+    innovation = torch.stack(between, -1) - there.value
     sigma = torch.stack((fix.std_e, fix.std_n, fix.std_u), -1) * noise.position_inflation
     floor = torch.stack((noise.position_floor, noise.position_floor, noise.height_floor))
     variance = sigma * sigma + floor * floor
-    return _Part(innovation, observation, variance, torch.ones_like(occasion.delay))
+    return _Part(innovation, there.by_error, variance, torch.ones_like(occasion.delay))
 
 
 def _velocity(scene: _Scene) -> _Part:
     model, belief, occasion, now, noise = scene
-    fix, lag = occasion.fix, occasion.delay.unsqueeze(-1)
-    swing = now.swung(model.options.lever_arm)
-    predicted = belief.state.v_l + swing - lag * now.a_l
-    wide = lag.unsqueeze(-1)
-    eye = torch.eye(3, dtype=lag.dtype, device=lag.device).expand(*lag.shape[:-1], 3, 3)
-    observation = columns(
-        model.layout,
-        now,
-        velocity=eye,
-        attitude=-skew_of(swing) + wide * skew_of(now.f_l),
-        omega=-now.C_lb @ skew_of(now.arm(model.options.lever_arm)),
-        force=-wide * now.C_lb,
-    )
-    innovation = torch.stack((fix.v_e, fix.v_n, fix.v_u), -1) - predicted
-    return _Part(
-        innovation, observation, _velocity_variance(fix, noise), torch.ones_like(occasion.delay)
-    )
+    fix = occasion.fix
+    moving = ins_antenna_velocity(model, belief, now, occasion.delay)
+    innovation = torch.stack((fix.v_e, fix.v_n, fix.v_u), -1) - moving.value
+    variance = _velocity_variance(fix, noise)
+    return _Part(innovation, moving.by_error, variance, torch.ones_like(occasion.delay))
 
 
 def _velocity_variance(fix: GnssFix, noise: InsNoise) -> Tensor:

@@ -7,17 +7,21 @@ itself (standstill, odometer, axle), tells where its antenna is, and takes corre
 
 from typing import Any, NamedTuple, Protocol, TypeVar
 
+import torch
 from torch import Tensor
 
+from navlearn.errors import ConfigError
 from navlearn.filters.belief import Belief
 from navlearn.filters.ins_belief import InsBelief
 from navlearn.fusion.blocks import Blocks
 from navlearn.fusion.measurements import Rows
 from navlearn.fusion.options import GateOptions
+from navlearn.fusion.recursion import unstacked
 from navlearn.fusion.updates import Measured
 from navlearn.states import FixTiming, GnssFix, ImuSample, InsState, RissSample, Trajectory
 
 AnyBelief = TypeVar("AnyBelief", Belief, InsBelief)
+T = TypeVar("T")
 
 
 class VehicleLine(NamedTuple):
@@ -58,6 +62,9 @@ class Antenna(NamedTuple):
         velocity: Velocity against the Earth, east, north, up, m/s, shape (..., 3).
         position_by_error: Change of its position east, north, up per correction, shape (..., 3, n).
         velocity_by_error: Change of its velocity per correction, shape (..., 3, n).
+        velocity_variance: Variance of its velocity beyond that of the error states, the same for
+            all satellites, m²/s², shape (..., 3): noise of the odometer, and hills where a
+            mechanization does not climb.
     """
 
     lat: Tensor
@@ -66,6 +73,7 @@ class Antenna(NamedTuple):
     velocity: Tensor
     position_by_error: Tensor
     velocity_by_error: Tensor
+    velocity_variance: Tensor
 
 
 class Vehicle(Protocol[AnyBelief]):
@@ -76,6 +84,8 @@ class Vehicle(Protocol[AnyBelief]):
         rows: Rows of what it measures of itself; GNSS fixes are among the kinds where asked.
         limits: Largest NIS that the gate lets pass, per kind taken.
         gate: When a measurement is refused.
+        anchor: As in :class:`navlearn.fusion.gating.Gated`, among the vehicle's own kinds.
+        company: The same.
     """
 
     @property
@@ -90,6 +100,12 @@ class Vehicle(Protocol[AnyBelief]):
     @property
     def gate(self) -> GateOptions: ...  # noqa: D102
 
+    @property
+    def anchor(self) -> int | None: ...  # noqa: D102
+
+    @property
+    def company(self) -> tuple[int, ...]: ...  # noqa: D102
+
     def laid_out(
         self, samples: RissSample | ImuSample, fixes: GnssFix | None, timing: FixTiming
     ) -> VehicleLine:
@@ -102,12 +118,15 @@ class Vehicle(Protocol[AnyBelief]):
         """
         ...
 
-    def block(self, line: VehicleLine, k: int) -> Any:
-        """Return what the methods below take of one block, batch shape (B,)."""
+    def all_blocks(self, line: VehicleLine) -> Any:
+        """Return what the methods below take of all blocks at once, batch shape (B, K).
+
+        A tree of named tuples of tensors: :func:`blocks_in_turn` takes it apart.
+        """
         ...
 
-    def all_blocks(self, line: VehicleLine) -> Any:
-        """Return the same of all blocks at once, batch shape (B, K)."""
+    def block(self, line: VehicleLine, k: int) -> Any:
+        """Return the same of one block, batch shape (B,)."""
         ...
 
     def predicted(self, belief: AnyBelief, block: Any) -> VehicleAhead:
@@ -147,3 +166,52 @@ class Vehicle(Protocol[AnyBelief]):
             line: The drives in blocks.
         """
         ...
+
+
+def block_at(blocks: T, k: int) -> T:
+    """Return one of all blocks, batch shape (B,).
+
+    Args:
+        blocks: Tree of named tuples of tensors, shape (B, K, ...) each.
+        k: Which.
+    """
+    if isinstance(blocks, Tensor):
+        return blocks[:, k]  # type: ignore[return-value]
+    parts: Any = blocks
+    return type(blocks)(*(block_at(part, k) for part in parts))
+
+
+def blocks_in_turn(vehicle: Vehicle[Any], line: VehicleLine) -> list[Any]:
+    """Return the blocks of drives one after another, batch shape (B,) each.
+
+    Args:
+        vehicle: The vehicle.
+        line: The drives in blocks.
+    """
+    # unbound at once: picking blocks one by one would make the backward pass quadratic
+    return unstacked(vehicle.all_blocks(line))
+
+
+def no_fixes(timing: FixTiming) -> GnssFix:
+    """Return fixes that tell nothing, at given moments.
+
+    Args:
+        timing: The moments, shape (B, M) each.
+    """
+    return GnssFix(*(torch.zeros_like(timing.delay) for _ in GnssFix._fields))
+
+
+def closed_only(feedback: str) -> None:
+    """Refuse an open loop.
+
+    Args:
+        feedback: ``closed`` or ``open``.
+
+    Raises:
+        ConfigError: If it is open.
+    """
+    if feedback != "closed":
+        raise ConfigError(
+            f"tight filter: found feedback {feedback!r}; ranges are linear only near the car, so "
+            "estimated errors are always fed back: choose feedback closed"
+        )

@@ -1,0 +1,155 @@
+"""A full IMU under a tightly coupled filter: a strapdown carries the antenna."""
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+
+from navlearn.filters.ins_belief import InsBelief
+from navlearn.frames import shift_geodetic
+from navlearn.fusion.ins.antenna import ins_antenna_offset, ins_antenna_velocity
+from navlearn.fusion.ins.composed import ahead_of
+from navlearn.fusion.ins.fast import largest_move
+from navlearn.fusion.ins.layout import belief_difference, moved_belief
+from navlearn.fusion.ins.model import ins_filter_model
+from navlearn.fusion.ins.moment import moment_of
+from navlearn.fusion.ins.noise import InsNoise, ins_noise_from_log, log_ins_noise
+from navlearn.fusion.ins.options import InsEkfOptions
+from navlearn.fusion.ins.path import ins_path_in_blocks
+from navlearn.fusion.ins.recursion import ins_opened
+from navlearn.fusion.ins.timeline import InsOccasion, InsTimeline, ins_timeline, ins_trajectory
+from navlearn.fusion.ins.updates import ins_measured
+from navlearn.fusion.measurements import Rows
+from navlearn.fusion.options import GateOptions
+from navlearn.fusion.tight.vehicle import (
+    Antenna,
+    VehicleAhead,
+    VehicleLine,
+    block_at,
+    closed_only,
+    no_fixes,
+)
+from navlearn.fusion.updates import Measured
+from navlearn.states import FixTiming, GnssFix, ImuSample, InsState
+
+
+class InsBlock(NamedTuple):
+    """Blocks of a full-IMU drive, batch shape (B,) or (B, K).
+
+    Attributes:
+        samples: Samples, coning compensated, shape (..., n) each, vectors (..., n, 3).
+        occasion: What there is to measure at the end, shape (...) each.
+    """
+
+    samples: ImuSample
+    occasion: InsOccasion
+
+
+class InsVehicle(nn.Module):
+    """A car with three gyros and three accelerometers; answers ``Vehicle``.
+
+    ``log_noise`` is as in :class:`navlearn.fusion.ins.loosely_coupled.InsEkf`.
+    """
+
+    def __init__(self, options: InsEkfOptions | None = None) -> None:
+        """Make the options ready.
+
+        Args:
+            options: Choices; None means the defaults. Feedback must be closed.
+
+        Raises:
+            ConfigError: If feedback is open.
+        """
+        super().__init__()
+        self.options = options or InsEkfOptions()
+        closed_only(self.options.feedback)
+        self.model = ins_filter_model(self.options)
+        self.log_noise = nn.Parameter(log_ins_noise(self.options.noise), requires_grad=False)
+
+    @property
+    def noise(self) -> InsNoise:
+        """Noise densities and deviations as they stand."""
+        return ins_noise_from_log(self.log_noise)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the error states, in order."""
+        return self.model.layout.names
+
+    @property
+    def rows(self) -> Rows:
+        """Rows of what the vehicle measures of itself, fixes among them."""
+        return self.model.rows
+
+    @property
+    def limits(self) -> tuple[float, ...]:
+        """Largest NIS that the gate lets pass, per kind taken."""
+        return self.model.limits
+
+    @property
+    def gate(self) -> GateOptions:
+        """When a measurement is refused."""
+        return self.model.gate
+
+    @property
+    def anchor(self) -> int | None:
+        """The position of fixes, where they are used."""
+        return self.model.anchor
+
+    @property
+    def company(self) -> tuple[int, ...]:
+        """The velocity of fixes."""
+        return self.model.company
+
+    def laid_out(self, samples: ImuSample, fixes: GnssFix | None, timing: FixTiming) -> VehicleLine:
+        """Return drives in blocks that end where ranges are received; see ``Vehicle``."""
+        given = no_fixes(timing) if fixes is None else fixes
+        line = ins_timeline(self.model, samples, given, timing)
+        return VehicleLine(line.blocks, line, line.occasion.delay)
+
+    def all_blocks(self, line: VehicleLine) -> InsBlock:
+        """Return all blocks, batch shape (B, K)."""
+        whole: InsTimeline = line.line
+        return InsBlock(whole.samples, whole.occasion)
+
+    def block(self, line: VehicleLine, k: int) -> InsBlock:
+        """Return one block, batch shape (B,)."""
+        return block_at(self.all_blocks(line), k)
+
+    def predicted(self, belief: InsBelief, block: InsBlock) -> VehicleAhead:
+        """Return the prediction over blocks from the beliefs at their starts."""
+        return VehicleAhead(*ahead_of(self.model, belief, block.samples, self.noise))
+
+    def measured(self, belief: InsBelief, block: InsBlock) -> Measured:
+        """Return what the vehicle measures of itself at the ends of blocks."""
+        return ins_measured(self.model, belief, block.occasion, self.noise)
+
+    def antenna(self, belief: InsBelief, block: InsBlock, delay: Tensor) -> Antenna:
+        """Return where the antenna was ``delay`` seconds before the ends of blocks."""
+        now = moment_of(self.model, belief, block.occasion.last)
+        there = ins_antenna_offset(self.model, belief, now, delay)
+        moving = ins_antenna_velocity(self.model, belief, now, delay)
+        lat, lon, height = shift_geodetic(*belief.state[:3], *there.value.unbind(-1))
+        variance = torch.zeros_like(moving.value)
+        return Antenna(lat, lon, height, moving.value, there.by_error, moving.by_error, variance)
+
+    def moved(self, belief: InsBelief, correction: Tensor, block: InsBlock) -> InsBelief:  # noqa: ARG002
+        """Return a belief moved by a correction; its covariance stays."""
+        return moved_belief(belief, correction)
+
+    def difference(self, belief: InsBelief, other: InsBelief, block: InsBlock) -> Tensor:  # noqa: ARG002
+        """Return minus the correction by which ``moved`` leads from ``belief`` to ``other``."""
+        return belief_difference(belief, other)
+
+    def opened(self, verdict: Tensor, found: Measured, innovation: Tensor) -> Tensor:
+        """Return the variance added where the gate resets one of its own kinds."""
+        return ins_opened(self.model, verdict, found._replace(innovation=innovation))
+
+    def largest_move(self, new: InsBelief, old: InsBelief) -> float:
+        """Return how far the worst block's start moved between two passes, m."""
+        return largest_move(new, old)
+
+    def path(self, start: InsBelief, after: InsBelief, line: VehicleLine) -> InsState:
+        """Return the causal solution at full rate, batch shape (B, T)."""
+        inside = ins_path_in_blocks(self.model, start, after, line.line)
+        return ins_trajectory(line.line, inside, after.state)

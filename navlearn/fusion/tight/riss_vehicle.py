@@ -1,0 +1,167 @@
+"""RISS under a tightly coupled filter: odometer and gyro carry the antenna."""
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+
+from navlearn.filters.belief import Belief
+from navlearn.frames import shift_geodetic
+from navlearn.fusion.antenna import antenna_offset, antenna_velocity
+from navlearn.fusion.fast import largest_move
+from navlearn.fusion.filter_model import difference, fed_back, filter_model, predict_blocks
+from navlearn.fusion.ground_velocity import odometry
+from navlearn.fusion.measurements import Rows
+from navlearn.fusion.noise import EkfNoise, height_density, log_noise, noise_from_log
+from navlearn.fusion.opening import opened
+from navlearn.fusion.options import EkfOptions, GateOptions
+from navlearn.fusion.record import path_in_blocks
+from navlearn.fusion.tight.vehicle import (
+    Antenna,
+    VehicleAhead,
+    VehicleLine,
+    block_at,
+    closed_only,
+    no_fixes,
+)
+from navlearn.fusion.timeline import Timeline, timeline, trajectory_of_blocks
+from navlearn.fusion.updates import Measured, Occasion, arm_of, measured
+from navlearn.states import FixTiming, GnssFix, RissSample, Trajectory
+
+
+class RissBlock(NamedTuple):
+    """Blocks of a RISS drive, batch shape (B,) or (B, K).
+
+    Attributes:
+        samples: Samples, shape (..., n) each.
+        acceleration: Forward acceleration by the odometer, m/s², shape (..., n).
+        occasion: What there is to measure at the end, shape (...) each.
+    """
+
+    samples: RissSample
+    acceleration: Tensor
+    occasion: Occasion
+
+
+class RissVehicle(nn.Module):
+    """A car with one gyro and an odometer, in 2D or 3D; answers ``Vehicle``.
+
+    ``log_noise`` is as in :class:`navlearn.fusion.loosely_coupled.LooselyCoupledEkf`.
+    """
+
+    def __init__(self, options: EkfOptions | None = None) -> None:
+        """Make the options ready.
+
+        Args:
+            options: Choices; None means the defaults. Feedback must be closed.
+
+        Raises:
+            ConfigError: If feedback is open.
+        """
+        super().__init__()
+        self.options = options or EkfOptions()
+        closed_only(self.options.feedback)
+        self.model = filter_model(self.options)
+        self.log_noise = nn.Parameter(log_noise(self.options.noise), requires_grad=False)
+
+    @property
+    def noise(self) -> EkfNoise:
+        """Noise densities and deviations as they stand."""
+        return noise_from_log(self.log_noise)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the error states, in order."""
+        return self.model.layout.names
+
+    @property
+    def rows(self) -> Rows:
+        """Rows of what the vehicle measures of itself, fixes among them."""
+        return self.model.rows
+
+    @property
+    def limits(self) -> tuple[float, ...]:
+        """Largest NIS that the gate lets pass, per kind taken."""
+        return self.model.limits
+
+    @property
+    def gate(self) -> GateOptions:
+        """When a measurement is refused."""
+        return self.model.gate
+
+    @property
+    def anchor(self) -> int | None:
+        """Nothing vouches for the others."""
+        return self.model.anchor
+
+    @property
+    def company(self) -> tuple[int, ...]:
+        """Nothing, as there is no anchor."""
+        return self.model.company
+
+    def laid_out(
+        self, samples: RissSample, fixes: GnssFix | None, timing: FixTiming
+    ) -> VehicleLine:
+        """Return drives in blocks that end where ranges are received; see ``Vehicle``."""
+        given = no_fixes(timing) if fixes is None else fixes
+        line = timeline(self.model, samples, given, timing)
+        return VehicleLine(line.blocks, line, line.occasion.delay)
+
+    def all_blocks(self, line: VehicleLine) -> RissBlock:
+        """Return all blocks, batch shape (B, K)."""
+        whole: Timeline = line.line
+        return RissBlock(whole.samples, whole.acceleration, whole.occasion)
+
+    def block(self, line: VehicleLine, k: int) -> RissBlock:
+        """Return one block, batch shape (B,)."""
+        return block_at(self.all_blocks(line), k)
+
+    def predicted(self, belief: Belief, block: RissBlock) -> VehicleAhead:
+        """Return the prediction over blocks from the beliefs at their starts."""
+        ahead = predict_blocks(self.model, belief, block.samples, block.acceleration, self.noise)
+        end = belief._replace(
+            state=ahead.state, sensor=ahead.sensor, velocity_offset=ahead.velocity_offset
+        )
+        return VehicleAhead(end, ahead.linearised.transition, ahead.linearised.noise)
+
+    def measured(self, belief: Belief, block: RissBlock) -> Measured:
+        """Return what the vehicle measures of itself at the ends of blocks."""
+        return measured(self.model.measurement, belief, block.occasion, self.noise)
+
+    def antenna(self, belief: Belief, block: RissBlock, delay: Tensor) -> Antenna:
+        """Return where the antenna was ``delay`` seconds before the ends of blocks.
+
+        Its velocity is that of odometer and azimuth (and the offset that is a state of the Shen
+        models), so it is as noisy as they are; where the mechanization does not climb, a hill comes
+        as a surprise.
+        """
+        model, end, noise = self.model, block.occasion.end, self.noise
+        arm = arm_of(model.measurement, belief, end)
+        seen = (model.errors, model.layout, belief, odometry(model.errors, end, belief.sensor), arm)
+        there, moving = antenna_offset(*seen, delay), antenna_velocity(*seen, delay)
+        lat, lon, height = shift_geodetic(*belief.state[:3], *there.value.unbind(-1))
+        # the mean over a second of what the filter takes to move a driving car upwards
+        climb = height_density(model.errors, noise) * (1.0 - end.sample.stationary)
+        variance = noise.speed_noise**2 + torch.nn.functional.pad(climb.unsqueeze(-1), (2, 0))
+        return Antenna(lat, lon, height, moving.value, there.by_error, moving.by_error, variance)
+
+    def moved(self, belief: Belief, correction: Tensor, block: RissBlock) -> Belief:
+        """Return a belief moved by a correction; its covariance stays."""
+        return fed_back(self.model, belief, correction, block.occasion.end)
+
+    def difference(self, belief: Belief, other: Belief, block: RissBlock) -> Tensor:
+        """Return minus the correction by which ``moved`` leads from ``belief`` to ``other``."""
+        return difference(self.model, belief, other, block.occasion.end)
+
+    def opened(self, verdict: Tensor, found: Measured, innovation: Tensor) -> Tensor:
+        """Return the variance added where the gate resets one of its own kinds."""
+        return opened(self.model, verdict, found, innovation)
+
+    def largest_move(self, new: Belief, old: Belief) -> float:
+        """Return how far the worst block's start moved between two passes, m."""
+        return largest_move(new, old)
+
+    def path(self, start: Belief, after: Belief, line: VehicleLine) -> Trajectory:
+        """Return the causal solution at full rate, batch shape (B, T)."""
+        inside = path_in_blocks(self.model, start, after, line.line)
+        return trajectory_of_blocks(line.line, inside, after.state)
