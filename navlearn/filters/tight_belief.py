@@ -1,6 +1,7 @@
 """What a tightly coupled filter believes: a vehicle and a receiver's clock."""
 
-from typing import Generic, NamedTuple, TypeVar
+from collections.abc import Callable
+from typing import Any, Generic, NamedTuple, TypeVar
 
 from torch import Tensor
 
@@ -21,11 +22,34 @@ class TightBelief(NamedTuple, Generic[AnyBelief]):
         clock: Receiver clock ahead of the first system's time, times the speed of light, m; its
             drift, m/s; then the time of each further system ahead of the first, m. Shape (..., c).
         covariance: Covariance of the whole error, shape (..., n + c, n + c).
-        refused: Consecutive refusals by the gate, pseudoranges then range rates of each satellite,
-            shape (..., 2 S).
+        refused: Consecutive refusals by the gate, pseudoranges then range rates of each satellite;
+            then consecutive receptions most of whose pseudoranges, and most of whose range rates,
+            were refused, shape (..., 2 S + 2).
     """
 
     vehicle: AnyBelief
     clock: Tensor
     covariance: Tensor
     refused: Tensor
+
+
+def map_tight_belief(
+    belief: TightBelief[AnyBelief], function: Callable[[Tensor], Tensor]
+) -> TightBelief[AnyBelief]:
+    """Return a belief with a function applied to every tensor.
+
+    Args:
+        belief: Belief.
+        function: What to do with each tensor.
+
+    Returns:
+        Belief.
+    """
+    mapped: TightBelief[AnyBelief] = _mapped(belief, function)
+    return mapped
+
+
+def _mapped(value: Any, function: Callable[[Tensor], Tensor]) -> Any:
+    if isinstance(value, Tensor):
+        return function(value)
+    return type(value)(*(_mapped(part, function) for part in value))

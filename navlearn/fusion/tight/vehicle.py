@@ -106,6 +106,12 @@ class Vehicle(Protocol[AnyBelief]):
     @property
     def company(self) -> tuple[int, ...]: ...  # noqa: D102
 
+    @property
+    def anchor(self) -> int | None: ...  # noqa: D102
+
+    @property
+    def company(self) -> tuple[int, ...]: ...  # noqa: D102
+
     def laid_out(
         self, samples: RissSample | ImuSample, fixes: GnssFix | None, timing: FixTiming
     ) -> VehicleLine:
@@ -131,6 +137,10 @@ class Vehicle(Protocol[AnyBelief]):
 
     def predicted(self, belief: AnyBelief, block: Any) -> VehicleAhead:
         """Return the prediction over blocks from the beliefs at their starts."""
+        ...
+
+    def predicted_in_turn(self, belief: AnyBelief, block: Any) -> VehicleAhead:
+        """Return the same prediction sample by sample: the oracle of :meth:`predicted`."""
         ...
 
     def measured(self, belief: AnyBelief, block: Any) -> Measured:
