@@ -17,15 +17,13 @@ from navlearn.fusion.batch_axis import first, unsqueezed
 from navlearn.fusion.checks import check_history, check_inputs
 from navlearn.fusion.fast import run_fast
 from navlearn.fusion.filter_model import filter_model
-from navlearn.fusion.ground_velocity import BlockEnd
 from navlearn.fusion.history import FilterHistory
 from navlearn.fusion.noise import EkfNoise, log_noise, noise_from_log
 from navlearn.fusion.options import EkfOptions
 from navlearn.fusion.recursion import Carried, end_block, predict_composed, run_loop
 from navlearn.fusion.sequential import predict_in_turn, predict_sample
 from navlearn.fusion.standstill import Rest
-from navlearn.fusion.timeline import timeline
-from navlearn.fusion.updates import Occasion
+from navlearn.fusion.timeline import known_acceleration, occasion_after, timeline
 from navlearn.states import FixTiming, GnssFix, RissSample, Trajectory
 
 Method = Literal["exact", "fast", "sequential"]
@@ -129,7 +127,7 @@ class LooselyCoupledEkf(nn.Module):
         Returns:
             Belief after the interval.
         """
-        push = self._acceleration(sample, acceleration)
+        push = known_acceleration(self.model, sample, acceleration)
         return predict_sample(self.model, belief, sample, push, self.noise)[0]
 
     def update(
@@ -156,24 +154,11 @@ class LooselyCoupledEkf(nn.Module):
         Returns:
             Belief after the update, errors fed back.
         """
-        zero = torch.zeros_like(sample.dt)
-        if rest is None:
-            regressors = zero.unsqueeze(-1).expand(*zero.shape, len(self.model.errors.gyro_terms))
-            rest = Rest(zero, zero, regressors, zero)
-        end = BlockEnd(sample, self._acceleration(sample, acceleration))
-        occasion = Occasion(fix, zero if delay is None else delay, end, rest)
+        occasion = occasion_after(
+            self.model, sample, fix=fix, delay=delay, rest=rest, acceleration=acceleration
+        )
         carried = Carried(belief, torch.zeros_like(belief.covariance[..., 0]))
         return end_block(self.model, carried, occasion, self.noise)[1].belief
-
-    def _acceleration(self, sample: RissSample, acceleration: Tensor | None) -> Tensor:
-        if acceleration is not None:
-            return acceleration
-        if self.model.layout.has_velocity or "delay" in self.model.errors.speed_terms:
-            raise ConfigError(
-                f"filter: model {self.options.model} with speed terms "
-                f"{self.options.speed_states} needs the forward acceleration; pass acceleration="
-            )
-        return torch.zeros_like(sample.dt)
 
 
 def _without_batch(history: FilterHistory) -> FilterHistory:

@@ -5,11 +5,12 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from navlearn.errors import ConfigError
 from navlearn.fusion.blocks import Blocks, cut, gathered, samples_in_blocks
 from navlearn.fusion.filter_model import FilterModel
 from navlearn.fusion.ground_velocity import BlockEnd
 from navlearn.fusion.sensor_errors import odometer_acceleration
-from navlearn.fusion.standstill import rest_at_end
+from navlearn.fusion.standstill import Rest, rest_at_end
 from navlearn.fusion.updates import Occasion
 from navlearn.states import FixTiming, GnssFix, NavState, RissSample, Trajectory
 
@@ -146,3 +147,60 @@ def at_least_one_fix(fixes: GnssFix, timing: FixTiming, dt: Tensor) -> tuple[Gns
     none = dt.new_zeros((dt.shape[0], 1))
     absent = GnssFix(*(none for _ in fixes))
     return absent, FixTiming(torch.full_like(none, -1, dtype=torch.int64), none)
+
+
+def occasion_after(
+    model: FilterModel,
+    sample: RissSample,
+    *,
+    fix: GnssFix,
+    delay: Tensor | None = None,
+    rest: Rest | None = None,
+    acceleration: Tensor | None = None,
+) -> Occasion:
+    """Return what there is to measure after one interval, as a car meets it while driving.
+
+    Args:
+        model: The filter.
+        sample: The interval's sample, shape (...) each.
+        fix: The fix, shape (...) each.
+        delay: End of the interval minus the fix's time, s, shape (...); None means zero.
+        rest: Standstill up to now that has not been used yet; None means none.
+        acceleration: Forward acceleration by the odometer, m/s², shape (...); None means a steady
+            speed.
+
+    Returns:
+        Occasion.
+
+    Raises:
+        ConfigError: If the model needs the acceleration and none is given.
+    """
+    zero = torch.zeros_like(sample.dt)
+    if rest is None:
+        regressors = zero.unsqueeze(-1).expand(*zero.shape, len(model.errors.gyro_terms))
+        rest = Rest(zero, zero, regressors, zero)
+    end = BlockEnd(sample, known_acceleration(model, sample, acceleration))
+    return Occasion(fix, zero if delay is None else delay, end, rest)
+
+
+def known_acceleration(
+    model: FilterModel, sample: RissSample, acceleration: Tensor | None
+) -> Tensor:
+    """Return the forward acceleration of one interval, zero where a model does without.
+
+    Args:
+        model: The filter.
+        sample: The sample, shape (...) each.
+        acceleration: As given, m/s², shape (...), or None.
+
+    Raises:
+        ConfigError: If the model needs it and none is given.
+    """
+    if acceleration is not None:
+        return acceleration
+    if model.layout.has_velocity or "delay" in model.errors.speed_terms:
+        raise ConfigError(
+            f"filter: model {model.options.model} with speed terms {model.options.speed_states} "
+            "needs the forward acceleration; pass acceleration="
+        )
+    return torch.zeros_like(sample.dt)

@@ -22,7 +22,7 @@ from navlearn.fusion.ins.noise import InsNoise, ins_noise_from_log, log_ins_nois
 from navlearn.fusion.ins.options import InsEkfOptions
 from navlearn.fusion.ins.recursion import InsCarried, end_ins_block, run_ins_loop
 from navlearn.fusion.ins.sequential import predict_ins_in_turn, predict_ins_sample
-from navlearn.fusion.ins.timeline import InsOccasion, InsRest, ins_timeline
+from navlearn.fusion.ins.timeline import InsRest, ins_occasion_after, ins_timeline
 from navlearn.states import FixTiming, GnssFix, ImuSample, InsState
 
 Method = Literal["exact", "fast", "sequential"]
@@ -148,14 +148,7 @@ class InsEkf(nn.Module):
         Returns:
             Belief after the update, errors fed back.
         """
-        zero = torch.zeros_like(sample.dt)
-        occasion = InsOccasion(
-            fix,
-            zero if delay is None else delay,
-            sample,
-            InsRest(zero, torch.zeros_like(sample.omega_ib_b), zero) if rest is None else rest,
-            zero if aided is None else aided,
-        )
+        occasion = ins_occasion_after(sample, fix=fix, delay=delay, rest=rest, aided=aided)
         carried = InsCarried(belief, torch.zeros_like(belief.covariance[..., 0]))
         return end_ins_block(self.model, carried, occasion, self.noise)[1].belief
 

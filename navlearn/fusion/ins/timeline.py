@@ -158,3 +158,31 @@ def ins_trajectory(line: InsTimeline, inside: InsState, after: InsState) -> InsS
     return InsState(
         *(at_ends(blocks, channel, values) for channel, values in zip(flat, after, strict=True))
     )
+
+
+def ins_occasion_after(
+    sample: ImuSample,
+    *,
+    fix: GnssFix,
+    delay: Tensor | None = None,
+    rest: InsRest | None = None,
+    aided: Tensor | None = None,
+) -> InsOccasion:
+    """Return what there is to measure after one interval, as a car meets it while driving.
+
+    Args:
+        sample: The interval's sample, shape (...) each.
+        fix: The fix, shape (...) each.
+        delay: End of the interval minus the fix's time, s, shape (...); None means zero.
+        rest: Standstill up to now that has not been used yet; None means none.
+        aided: 1.0 where odometer and axle shall be used, shape (...); None means nowhere.
+
+    Returns:
+        Occasion.
+    """
+    zero = torch.zeros_like(sample.dt)
+    if rest is None:
+        rest = InsRest(zero, torch.zeros_like(sample.omega_ib_b), zero)
+    return InsOccasion(
+        fix, zero if delay is None else delay, sample, rest, zero if aided is None else aided
+    )

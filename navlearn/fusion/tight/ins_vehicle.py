@@ -17,7 +17,15 @@ from navlearn.fusion.ins.noise import InsNoise, ins_noise_from_log, log_ins_nois
 from navlearn.fusion.ins.options import InsEkfOptions
 from navlearn.fusion.ins.path import ins_path_in_blocks
 from navlearn.fusion.ins.recursion import ins_opened
-from navlearn.fusion.ins.timeline import InsOccasion, InsTimeline, ins_timeline, ins_trajectory
+from navlearn.fusion.ins.sequential import predict_ins_sample
+from navlearn.fusion.ins.timeline import (
+    InsOccasion,
+    InsRest,
+    InsTimeline,
+    ins_occasion_after,
+    ins_timeline,
+    ins_trajectory,
+)
 from navlearn.fusion.ins.updates import ins_measured
 from navlearn.fusion.measurements import Rows
 from navlearn.fusion.options import GateOptions
@@ -116,9 +124,36 @@ class InsVehicle(nn.Module):
         """Return one block, batch shape (B,)."""
         return block_at(self.all_blocks(line), k)
 
+    def one_sample(
+        self, sample: ImuSample, *, rest: InsRest | None = None, aided: Tensor | None = None
+    ) -> InsBlock:
+        """Return a block of one sample, as a car meets it while driving; no fix is told.
+
+        Args:
+            sample: The sample, shape (...) each; where cones matter, compensated
+                (:func:`navlearn.fusion.ins.timeline.coning_compensated`).
+            rest: Standstill up to now that has not been used yet; None means none.
+            aided: 1.0 where odometer and axle shall be used, shape (...); None means nowhere.
+        """
+        fix = no_fixes(FixTiming(sample.dt, sample.dt))
+        occasion = ins_occasion_after(sample, fix=fix, rest=rest, aided=aided)
+        along = sample.dt.dim()
+        return InsBlock(ImuSample(*(channel.unsqueeze(along) for channel in sample)), occasion)
+
     def predicted(self, belief: InsBelief, block: InsBlock) -> VehicleAhead:
         """Return the prediction over blocks from the beliefs at their starts."""
         return VehicleAhead(*ahead_of(self.model, belief, block.samples, self.noise))
+
+    def predicted_in_turn(self, belief: InsBelief, block: InsBlock) -> VehicleAhead:
+        """Return the same sample by sample, as the textbook has it."""
+        nothing = torch.zeros_like(belief.covariance)
+        at = belief._replace(covariance=nothing)
+        eye = torch.eye(nothing.shape[-1], dtype=nothing.dtype, device=nothing.device)
+        whole, along = eye.expand(nothing.shape), belief.state.lat.dim()
+        for channels in zip(*(x.unbind(along) for x in block.samples), strict=True):
+            at, transition = predict_ins_sample(self.model, at, ImuSample(*channels), self.noise)
+            whole = transition @ whole
+        return VehicleAhead(at._replace(covariance=belief.covariance), whole, at.covariance)
 
     def measured(self, belief: InsBelief, block: InsBlock) -> Measured:
         """Return what the vehicle measures of itself at the ends of blocks."""

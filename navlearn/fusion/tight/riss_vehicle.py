@@ -16,6 +16,8 @@ from navlearn.fusion.noise import EkfNoise, height_density, log_noise, noise_fro
 from navlearn.fusion.opening import opened
 from navlearn.fusion.options import EkfOptions, GateOptions
 from navlearn.fusion.record import path_in_blocks
+from navlearn.fusion.sequential import predict_sample
+from navlearn.fusion.standstill import Rest
 from navlearn.fusion.tight.vehicle import (
     Antenna,
     VehicleAhead,
@@ -24,7 +26,7 @@ from navlearn.fusion.tight.vehicle import (
     closed_only,
     no_fixes,
 )
-from navlearn.fusion.timeline import Timeline, timeline, trajectory_of_blocks
+from navlearn.fusion.timeline import Timeline, occasion_after, timeline, trajectory_of_blocks
 from navlearn.fusion.updates import Measured, Occasion, arm_of, measured
 from navlearn.states import FixTiming, GnssFix, RissSample, Trajectory
 
@@ -116,6 +118,29 @@ class RissVehicle(nn.Module):
         """Return one block, batch shape (B,)."""
         return block_at(self.all_blocks(line), k)
 
+    def one_sample(
+        self,
+        sample: RissSample,
+        *,
+        acceleration: Tensor | None = None,
+        rest: Rest | None = None,
+    ) -> RissBlock:
+        """Return a block of one sample, as a car meets it while driving; no fix is told.
+
+        Args:
+            sample: The sample, shape (...) each.
+            acceleration: Forward acceleration by the odometer, m/s², shape (...); needed by the
+                Shen models and by the odometer delay, else None may stand for a steady speed.
+            rest: Standstill up to now that has not been used yet; None means none.
+
+        Raises:
+            ConfigError: If the model needs the acceleration and none is given.
+        """
+        fix = no_fixes(FixTiming(sample.dt, sample.dt))
+        occasion = occasion_after(self.model, sample, fix=fix, rest=rest, acceleration=acceleration)
+        samples = RissSample(*(channel.unsqueeze(-1) for channel in sample))
+        return RissBlock(samples, occasion.end.acceleration.unsqueeze(-1), occasion)
+
     def predicted(self, belief: Belief, block: RissBlock) -> VehicleAhead:
         """Return the prediction over blocks from the beliefs at their starts."""
         ahead = predict_blocks(self.model, belief, block.samples, block.acceleration, self.noise)
@@ -123,6 +148,19 @@ class RissVehicle(nn.Module):
             state=ahead.state, sensor=ahead.sensor, velocity_offset=ahead.velocity_offset
         )
         return VehicleAhead(end, ahead.linearised.transition, ahead.linearised.noise)
+
+    def predicted_in_turn(self, belief: Belief, block: RissBlock) -> VehicleAhead:
+        """Return the same sample by sample, as the textbook has it."""
+        nothing = torch.zeros_like(belief.covariance)
+        at = belief._replace(covariance=nothing)
+        eye = torch.eye(nothing.shape[-1], dtype=nothing.dtype, device=nothing.device)
+        whole = eye.expand(nothing.shape)
+        pushes = block.acceleration.unbind(-1)
+        for k, channels in enumerate(zip(*(x.unbind(-1) for x in block.samples), strict=True)):
+            sample = RissSample(*channels)
+            at, transition, _ = predict_sample(self.model, at, sample, pushes[k], self.noise)
+            whole = transition @ whole
+        return VehicleAhead(at._replace(covariance=belief.covariance), whole, at.covariance)
 
     def measured(self, belief: Belief, block: RissBlock) -> Measured:
         """Return what the vehicle measures of itself at the ends of blocks."""

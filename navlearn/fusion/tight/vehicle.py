@@ -106,12 +106,6 @@ class Vehicle(Protocol[AnyBelief]):
     @property
     def company(self) -> tuple[int, ...]: ...  # noqa: D102
 
-    @property
-    def anchor(self) -> int | None: ...  # noqa: D102
-
-    @property
-    def company(self) -> tuple[int, ...]: ...  # noqa: D102
-
     def laid_out(
         self, samples: RissSample | ImuSample, fixes: GnssFix | None, timing: FixTiming
     ) -> VehicleLine:
