@@ -3,12 +3,14 @@
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
 import torch
 
 from navlearn.logs.interval_means import FloatArray
 from navlearn.states import FixTiming, GnssFix
 
+BoolArray = npt.NDArray[np.bool_]
 Fixes = tuple[GnssFix, FixTiming, torch.Tensor]
 
 
@@ -47,13 +49,26 @@ def fixes_from_table(table: pd.DataFrame, edges: FloatArray, options: FixOptions
     Returns:
         Fixes, timing and times of validity, shape (M,) each.
     """
-    step = float(edges[1] - edges[0])
     t = table["t"].to_numpy(np.float64)
+    kept, timing = placed_on_grid(t, edges)
+    return _fix(table[kept], options), timing, torch.tensor(t[kept])
+
+
+def placed_on_grid(t: FloatArray, edges: FloatArray) -> tuple[BoolArray, FixTiming]:
+    """Return which moments fall on a grid, and the end of an interval nearest to each of those.
+
+    Args:
+        t: Moments, s, increasing, shape (M,).
+        edges: Ends of the intervals of a uniform grid, s, shape (T+1,).
+
+    Returns:
+        Which are neither before the grid nor more than half an interval after it, shape (M,), and
+        where those fall.
+    """
+    step = float(edges[1] - edges[0])
     kept = (t >= edges[0] - 1e-6 * step) & (t <= edges[-1] + 0.5 * step)
-    table, t = table[kept], t[kept]
-    index = np.clip(np.rint((t - edges[0]) / step).astype(np.int64) - 1, 0, edges.size - 2)
-    timing = FixTiming(torch.from_numpy(index), torch.from_numpy(edges[index + 1] - t))
-    return _fix(table, options), timing, torch.tensor(t)
+    index = np.clip(np.rint((t[kept] - edges[0]) / step).astype(np.int64) - 1, 0, edges.size - 2)
+    return kept, FixTiming(torch.from_numpy(index), torch.from_numpy(edges[index + 1] - t[kept]))
 
 
 def _fix(table: pd.DataFrame, options: FixOptions) -> GnssFix:
