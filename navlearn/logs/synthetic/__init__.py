@@ -5,11 +5,14 @@ from navlearn.logs.synthetic.figures import SensorGrade
 from navlearn.logs.synthetic.grades import GRADES
 from navlearn.logs.synthetic.jaradat2017 import jaradat2017_scenario
 from navlearn.logs.synthetic.recorded import motion_from_trajectory
+from navlearn.logs.synthetic.satellite_options import PRESETS, SatelliteOptions
 from navlearn.logs.synthetic.semi_real import with_aiding_from_reference
 from navlearn.logs.synthetic.simulate import SimulatedDrive, simulate_drive
 
 __all__ = [
     "GRADES",
+    "PRESETS",
+    "SatelliteOptions",
     "SensorGrade",
     "SimulatedDrive",
     "degrade_gyro",

@@ -1,13 +1,14 @@
 """One call: a motion, a sensor grade and a seed become a drive log with its truth."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
 
 from navlearn.errors import ConfigError
 from navlearn.logs.drive_log import DriveLog, LogMetadata
+from navlearn.logs.range_truth import RangeTruth
 from navlearn.logs.sensor_truth import SensorTruth
 from navlearn.logs.synthetic.aiding import fix_table, odometer_table, reference_table
 from navlearn.logs.synthetic.draws import Array
@@ -35,6 +36,8 @@ from navlearn.logs.synthetic.log_parts import (
 )
 from navlearn.logs.synthetic.motion import Motion
 from navlearn.logs.synthetic.profile import draw_motion
+from navlearn.logs.synthetic.ranges import CORRECTIONS, SimulatedRanges, simulated_ranges
+from navlearn.logs.synthetic.satellite_options import SatelliteOptions, find_satellites
 
 ORIGIN = (math.radians(44.23), math.radians(-76.49), 60.0)
 """Where drives start unless said otherwise: latitude (rad), longitude (rad), height (m)."""
@@ -51,6 +54,8 @@ class SimulatedDrive:
         motion: The drive itself; None where the truth came from forces and rates.
         grade: The sensors' figures.
         seed: Seed of every draw.
+        range_truth: True errors of the log's ranges and its receiver's clock; None where it has
+            no ranges.
     """
 
     log: DriveLog
@@ -59,6 +64,7 @@ class SimulatedDrive:
     motion: Motion | None
     grade: SensorGrade
     seed: int
+    range_truth: RangeTruth | None = None
 
     @property
     def gyro_deterministic_error(self) -> Array:
@@ -107,6 +113,19 @@ class _Scene:
             metadata=about,
         )
 
+    def ranges(
+        self, measured: SensorGrade, stamped: SensorGrade, options: SatelliteOptions
+    ) -> SimulatedRanges:
+        """Return the ranges that a receiver takes in together with its fixes."""
+        at = stamps(self.end, self.fix_rate_hz, stamped.gnss.latency)
+        return simulated_ranges(
+            at,
+            truth_at(self.grid, self.motion, at - measured.gnss.latency),
+            options=options,
+            lever_arm=self.lever_arm,
+            seed=self.seed,
+        )
+
 
 def stamps(end: float, rate_hz: float, latency: float) -> Array:
     """Return uniform stamps up to ``end``, none of which was valid before t = 0, s."""
@@ -128,6 +147,7 @@ def simulate_drive(
     origin: tuple[float, float, float] | None = None,
     lever_arm: tuple[float, float, float] = (0.0, 0.0, 0.0),
     standstill: float = 30.0,
+    satellites: str | SatelliteOptions | None = None,
     name: str | None = None,
 ) -> SimulatedDrive:
     """Return a seeded drive: log, error-free log, and the gyro's deterministic error.
@@ -148,6 +168,9 @@ def simulate_drive(
             or :data:`ORIGIN`.
         lever_arm: Antenna from the IMU, right, forward, up, m.
         standstill: How long the car stands before it starts, s; for named profiles.
+        satellites: Satellites, streets and receiver that the log gets ranges from at the rate of
+            its fixes: options or the name of a preset; None for a log without ranges. All else
+            but the fixes is drawn as without them.
         name: Name of the log; made of profile, grade and seed where None.
 
     Raises:
@@ -196,7 +219,7 @@ def simulate_drive(
     source = f"navlearn simulator: {motion.description or kind}"
     about = describe(title, source, figures, kind, seed, lever_arm)
     ideal = find_grade("ideal")
-    return SimulatedDrive(
+    drive = SimulatedDrive(
         log=scene.log(
             figures,
             imu_table(t, read_rate, read_force, thermometer(warm, seed)),
@@ -214,6 +237,32 @@ def simulate_drive(
         grade=figures,
         seed=seed,
     )
+    return drive if satellites is None else _with_ranges(drive, scene, find_satellites(satellites))
+
+
+def _with_ranges(drive: SimulatedDrive, scene: _Scene, options: SatelliteOptions) -> SimulatedDrive:
+    made = scene.ranges(drive.grade, drive.grade, options)
+    prompt = scene.ranges(find_grade("ideal"), drive.grade, options)
+    return replace(
+        drive,
+        log=with_ranges(drive.log, made.table, made.gps_time_origin),
+        ideal=with_ranges(drive.ideal, prompt.ideal, made.gps_time_origin),
+        range_truth=made.truth,
+    )
+
+
+def with_ranges(log: DriveLog, table: pd.DataFrame, gps_time_origin: float) -> DriveLog:
+    """Return a log with simulated ranges.
+
+    Args:
+        log: The log.
+        table: Columns of :data:`navlearn.logs.columns.RANGES`.
+        gps_time_origin: What t = 0 is, GPS seconds since 6 January 1980.
+    """
+    about = replace(
+        log.metadata, range_corrections=CORRECTIONS, klobuchar=(), gps_time_origin=gps_time_origin
+    )
+    return replace(log, ranges=table, metadata=about)
 
 
 def _origin(asked: tuple[float, float, float] | None, motion: Motion) -> tuple[float, float, float]:

@@ -1,0 +1,130 @@
+"""What only a simulation knows of its ranges, kept beside a log and never inside it.
+
+Methods are handed a drive log; who judges an error model asks for this further table on demand,
+so that no method can come upon it by accident.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from navlearn.errors import LogError, LogNotFoundError
+from navlearn.logs.drive_log import DriveLog
+from navlearn.logs.formats.csv_tables import read_frame
+
+RANGE_TRUTH: Final = "range_truth.csv.gz"
+"""File in the folder of a log that navlearn simulated."""
+
+COLUMNS: Final[dict[str, str]] = {
+    "t": "reception, s from the start of the log",
+    "satellite": "text: the satellite, such as G07",
+    "range_error": "error of the pseudorange, all parts, m",
+    "rate_error": "error of the range rate, m/s",
+    "clock": "receiver clock, times the speed of light, without system_offset, m",
+    "clock_rate": "its rate, m/s",
+    "system_offset": "offset of the satellite's system against the first one's, m",
+    "elevation": "true elevation, rad",
+    "azimuth": "true azimuth, rad",
+    "ionosphere": "part of range_error, m",
+    "troposphere": "part of range_error, m",
+    "orbit": "part of range_error: orbit and clock as broadcast, m",
+    "multipath": "part of range_error: beside the direct signal, m",
+    "reflection": "part of range_error: detour of a signal received by reflection alone, m",
+    "thermal": "part of range_error: white noise, m",
+    "systematic": "part of range_error: what elevation and C/N0 tell, m",
+}
+"""One row per row of the log's ranges."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RangeTruth:
+    """The true errors of a log's ranges and its receiver's clock.
+
+    A pseudorange is the distance of the satellite from the antenna + clock + system offset +
+    error.
+
+    Attributes:
+        table: Columns of :data:`COLUMNS`, rows as in the log's ranges.
+    """
+
+    table: pd.DataFrame
+
+    def of(self, log: DriveLog) -> "RangeTruth":
+        """Return the rows of a log's ranges, which may be cut or partly withheld.
+
+        Args:
+            log: The drive that this was made with.
+
+        Raises:
+            LogError: The log has a range that is not here: it is another drive.
+        """
+        ranges = log.ranges if log.ranges is not None else self.table.iloc[:0]
+        wanted = ranges[["t", "satellite"]].reset_index(drop=True)
+        table = wanted.merge(self.table, on=["t", "satellite"], how="left", validate="1:1")
+        unknown = table["range_error"].isna().to_numpy()
+        if unknown.any():
+            row = int(np.argmax(unknown))
+            raise LogError(
+                f"{log.metadata.name}: the truth of its ranges has no value for satellite "
+                f"{table['satellite'].iloc[row]} at {table['t'].iloc[row]:g} s; it belongs to "
+                "another drive: write log and truth together again"
+            )
+        return RangeTruth(table=table)
+
+    def column(self, name: str) -> npt.NDArray[np.float64]:
+        """Return a column of numbers.
+
+        Args:
+            name: One of :data:`COLUMNS` but the satellite.
+        """
+        return self.table[name].to_numpy(np.float64)
+
+
+def save_range_truth(truth: RangeTruth, folder: Path) -> Path:
+    """Write the truth of ranges beside a log.
+
+    Args:
+        truth: The truth.
+        folder: Folder of the log; a truth that is there is replaced.
+
+    Returns:
+        The file.
+    """
+    path = folder / RANGE_TRUTH
+    compression = {"method": "gzip", "mtime": 0, "compresslevel": 6}
+    truth.table.to_csv(path, index=False, float_format="%.17g", compression=compression)
+    return path
+
+
+def load_range_truth(folder: Path) -> RangeTruth:
+    """Read the truth of ranges that lies beside a log.
+
+    Args:
+        folder: Folder of the log.
+
+    Raises:
+        LogNotFoundError: There is none: the ranges are not simulated ones.
+        LogError: The file cannot be used.
+    """
+    path = folder / RANGE_TRUTH
+    if not path.is_file():
+        raise LogNotFoundError(
+            f"{folder}: no {RANGE_TRUTH}: the true errors of ranges are known of simulated ones "
+            "alone; make a drive with navlearn simulate --satellites"
+        )
+    table = read_frame(path)
+    missing = [name for name in COLUMNS if name not in table]
+    if missing:
+        raise LogError(f"{path}: no column {', '.join(missing)}; simulate the drive again")
+    numbers = [name for name in COLUMNS if name != "satellite"]
+    try:
+        values = table[numbers].astype(np.float64)
+    except ValueError as error:
+        raise LogError(f"{path}: not all numbers ({error}); simulate the drive again") from error
+    if not np.isfinite(values.to_numpy()).all():
+        raise LogError(f"{path}: values that are not finite; simulate the drive again")
+    return RangeTruth(table=values.assign(satellite=table["satellite"].astype(str))[list(COLUMNS)])
