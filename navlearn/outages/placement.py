@@ -11,7 +11,9 @@ from navlearn.errors import LogError
 from navlearn.logs.drive_log import DriveLog
 from navlearn.outages import selection
 from navlearn.outages.dynamics import STANDSTILL_SPEED, classify_windows, over_windows
+from navlearn.outages.partial import with_satellites
 from navlearn.outages.quality import bad_reference, gaps, within_any
+from navlearn.outages.receptions import GOOD_SATELLITES, receptions_of
 from navlearn.outages.schedule import Exclusion, Outage, OutageProtocol, Placement, refuse_overlaps
 from navlearn.outages.track import Array, Track, driven, stood, track_of
 
@@ -32,7 +34,7 @@ def place_outages(protocol: OutageProtocol, log: DriveLog) -> Placement:
     Raises:
         ConfigError: Listed outages overlap.
         LogError: An outage lies outside the log, or fewer than asked for fit; the message says
-            how many do.
+            how many do; or too few satellites could stay in all of them.
     """
     track = track_of(log)
     begin, end = _span(log, track)
@@ -46,6 +48,8 @@ def place_outages(protocol: OutageProtocol, log: DriveLog) -> Placement:
     else:
         outages, more = _searched(protocol, log, track, begin, end, bad)
         excluded, notes = bad, [*notes, *more]
+    outages, without, said = with_satellites(protocol, log, track, outages)
+    excluded, notes = [*excluded, *without], [*notes, *said]
     if outages:
         starts = np.array([outage.start for outage in outages])
         words = tuple(str(word) for word in classify_windows(track, starts, protocol.duration))
@@ -138,9 +142,7 @@ def _rules(
     wanted_speed = np.where(labels == "stop", 0.5, 1.0) * protocol.min_mean_speed
     moving = track.t - track.t[0] - stood(track, STANDSTILL_SPEED)
     moved = np.interp(starts, track.t, moving)
-    fix_t = log.fixes.loc[log.fixes["lat"].notna() & log.fixes["lon"].notna(), "t"].to_numpy(
-        dtype=np.float64
-    )
+    fix_t, what = _good_times(log)
     ends_of_log = np.array([min(begin, fix_t[0]) - GRID]) if fix_t.size else np.array([begin])
     sparse = gaps(np.concatenate((ends_of_log, fix_t, ends[-1:] + GRID)), protocol.max_fix_interval)
     bad_times = [(one.start, one.end) for one in bad]
@@ -148,12 +150,21 @@ def _rules(
         f"warm-up of {protocol.warm_up:g} s, {protocol.warm_up_moving:g} s of it moving": (
             (starts >= begin + protocol.warm_up) & (moved >= protocol.warm_up_moving)
         ),
-        f"fixes at most {protocol.max_fix_interval:g} s apart": ~within_any(
+        f"{what} at most {protocol.max_fix_interval:g} s apart": ~within_any(
             starts - protocol.good_before, ends, sparse
         ),
         f"good {track.origin}": ~within_any(starts, ends, bad_times),
         f"mean speed of {protocol.min_mean_speed:g} m/s": speed >= wanted_speed,
     }
+
+
+def _good_times(log: DriveLog) -> tuple[Array, str]:
+    """Return when GNSS told the position, or could have, and what told it."""
+    known = log.fixes["lat"].notna() & log.fixes["lon"].notna()
+    if known.any() or log.ranges is None:
+        return log.fixes.loc[known, "t"].to_numpy(dtype=np.float64), "fixes"
+    words = f"receptions of {GOOD_SATELLITES} satellites or more"
+    return receptions_of(log.ranges).good_times(), words
 
 
 def _too_few(

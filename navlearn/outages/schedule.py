@@ -9,6 +9,7 @@ from navlearn.errors import ConfigError
 
 PLACEMENTS = ("spread", "listed", "random", "by_dynamics")
 DYNAMICS = ("straight", "turn", "stop", "motorway", "hill")
+VISIBLE = ("highest", "best_geometry", "worst_geometry", "random", "listed")
 
 
 @dataclass(frozen=True)
@@ -67,6 +68,18 @@ class OutageProtocol:
         max_reference_slip: A reference whose change of position differs by more than this from
             the integral of its own velocity is bad there, m ...
         slip_span: ... compared over this many seconds.
+        satellites: Satellites whose raw ranges stay through an outage; 0 takes all GNSS away.
+        visible: By which rule they are chosen among those that could stay:
+            ``highest`` elevation; ``best_geometry`` and ``worst_geometry``
+            (:func:`navlearn.outages.visible.information`); ``random``, with ``seed``; ``listed``,
+            the first of ``visible_satellites``.
+        visible_satellites: Names, such as ``G07``, for ``listed``.
+        min_tracked: A satellite could stay if it is among at least this share of the receptions
+            through the outage, ...
+        min_elevation: ... and stands at least so high when the outage starts, rad.
+        min_satellites: An outage through which fewer could stay is not scored, nor one through
+            which fewer than ``satellites`` could: so that outages with different numbers of
+            satellites are the same ones.
     """
 
     placement: str = "spread"
@@ -85,6 +98,12 @@ class OutageProtocol:
     max_reference_interval: float = 3.5
     max_reference_slip: float = 5.0
     slip_span: float = 10.0
+    satellites: int = 0
+    visible: str = "highest"
+    visible_satellites: tuple[str, ...] = ()
+    min_tracked: float = 0.9
+    min_elevation: float = math.radians(10.0)
+    min_satellites: int = 0
 
     def __post_init__(self) -> None:
         if self.placement not in PLACEMENTS:
@@ -105,6 +124,39 @@ class OutageProtocol:
                 f"{', '.join(DYNAMICS)}, each once"
             )
         self._refuse_negative()
+        self._refuse_satellites()
+
+    def _refuse_satellites(self) -> None:
+        if self.visible not in VISIBLE:
+            raise ConfigError(
+                f"outages: visible is {self.visible!r}; expected one of {', '.join(VISIBLE)}"
+            )
+        for name in ("satellites", "min_satellites"):
+            if getattr(self, name) < 0:
+                raise ConfigError(
+                    f"outages: {name} is {getattr(self, name)}; expected zero or more"
+                )
+        named = len(self.visible_satellites)
+        if (self.visible == "listed") != bool(named) or len(set(self.visible_satellites)) < named:
+            raise ConfigError(
+                f"outages: visible is {self.visible!r} and visible_satellites are "
+                f"{list(self.visible_satellites)}; list names, each once, with visible 'listed', "
+                "and only there"
+            )
+        if named and max(self.satellites, self.min_satellites) > named:
+            raise ConfigError(
+                f"outages: {max(self.satellites, self.min_satellites)} satellites are to stay, but "
+                f"visible_satellites lists {named}; list more"
+            )
+        if not 0.0 < self.min_tracked <= 1.0:
+            raise ConfigError(
+                f"outages: min_tracked is {self.min_tracked}; expected a share above 0, up to 1"
+            )
+        if not 0.0 <= self.min_elevation < 0.5 * math.pi:
+            raise ConfigError(
+                f"outages: min_elevation is {self.min_elevation} rad; expected one from the "
+                "horizon to below the zenith"
+            )
 
     def _refuse_negative(self) -> None:
         for name in ("duration", "max_fix_interval", "max_reference_interval", "slip_span"):

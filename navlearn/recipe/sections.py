@@ -1,15 +1,20 @@
 """The sections of a recipe, one class each."""
 
+import math
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
+from navlearn.logs.range_checks import CONSTELLATIONS
 from navlearn.outages.published import PublishedTable
 from navlearn.outages.schedule import OutageProtocol
 from navlearn.recipe.spec_base import Count, NotNegative, Positive, Seed
 from navlearn.recipe.strict import Section
 
 Dynamics = Literal["straight", "turn", "stop", "motorway", "hill"]
+Visible = Literal["highest", "best_geometry", "worst_geometry", "random", "listed"]
+Number = Annotated[int, Field(ge=0, le=100)]
+SatelliteName = Annotated[str, Field(pattern=f"^[{CONSTELLATIONS}][0-9]{{1,3}}$")]
 
 _PLACED = OutageProtocol()
 
@@ -54,6 +59,14 @@ class OutageSection(Section):
         max_reference_slip: Disagreement of the reference with its own velocity that makes it
             bad, m.
         slip_span_s: Time over which that disagreement is taken.
+        satellites: Satellites whose raw ranges stay through an outage; for ``listed`` the number
+            of ``visible_satellites`` where left out.
+        visible: By which rule they are chosen: ``highest``, ``best_geometry``,
+            ``worst_geometry``, ``random`` (with ``seed``) or ``listed``.
+        visible_satellites: Names such as ``G07``, for ``listed`` only; the first ones stay.
+        min_tracked: Share of the receptions through the outage that a satellite must be among.
+        min_elevation_deg: Lowest elevation of a satellite that may stay.
+        min_satellites: An outage through which fewer could stay is not scored.
     """
 
     placement: Literal["spread", "listed", "random", "by_dynamics"] = "spread"
@@ -72,15 +85,25 @@ class OutageSection(Section):
     max_reference_interval_s: Positive = _PLACED.max_reference_interval
     max_reference_slip: NotNegative = _PLACED.max_reference_slip
     slip_span_s: Positive = _PLACED.slip_span
+    satellites: Number = _PLACED.satellites
+    visible: Visible = "highest"
+    visible_satellites: tuple[SatelliteName, ...] | None = None
+    min_tracked: Annotated[float, Field(gt=0, le=1)] = _PLACED.min_tracked
+    min_elevation_deg: Annotated[float, Field(ge=0, lt=90)] = round(
+        math.degrees(_PLACED.min_elevation), 9
+    )
+    min_satellites: Number = _PLACED.min_satellites
 
     @model_validator(mode="before")
     @classmethod
     def _count_listed(cls, content: Any) -> Any:
         if not isinstance(content, dict):
             return content
-        times = content.get("times_s")
+        times, names = content.get("times_s"), content.get("visible_satellites")
         if content.get("placement") == "listed" and isinstance(times, list | tuple):
-            return {"count": len(times), **content}
+            content = {"count": len(times), **content}
+        if content.get("visible") == "listed" and isinstance(names, list | tuple):
+            content = {"satellites": len(names), **content}
         return content
 
     @model_validator(mode="after")
@@ -98,10 +121,32 @@ class OutageSection(Section):
             raise ValueError(f"classes are {list(self.classes)}; give some, each once")
         return self
 
+    @model_validator(mode="after")
+    def _satellites_belong_together(self) -> "OutageSection":
+        names = self.visible_satellites or ()
+        if (self.visible == "listed") != bool(names) or len(set(names)) < len(names):
+            raise ValueError(
+                "'visible_satellites' lists the satellites for visible 'listed', each once, and "
+                f"only for it; found visible {self.visible!r} with visible_satellites {list(names)}"
+            )
+        needed = max(self.satellites, self.min_satellites)
+        if names and needed > len(names):
+            raise ValueError(
+                f"{needed} satellites are to stay but visible_satellites lists {len(names)}; "
+                "list more, or ask for fewer"
+            )
+        return self
+
     def protocol(self) -> OutageProtocol:
         """Return the section as the outage protocol that places outages."""
         values = {name.removesuffix("_s"): value for name, value in self.model_dump().items()}
-        return OutageProtocol(**{**values, "times": self.times_s or ()})
+        elevation = math.radians(values.pop("min_elevation_deg"))
+        lists = {
+            "times": self.times_s or (),
+            "visible_satellites": self.visible_satellites or (),
+            "min_elevation": elevation,
+        }
+        return OutageProtocol(**{**values, **lists})
 
 
 class PublishedSection(Section):

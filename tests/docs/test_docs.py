@@ -11,7 +11,7 @@ import navlearn
 from navlearn.export import PredictorMetadata
 from navlearn.logs.columns import REQUIRED, TABLES
 from navlearn.outages.metrics import FIGURES
-from navlearn.outages.schedule import DYNAMICS, PLACEMENTS
+from navlearn.outages.schedule import DYNAMICS, PLACEMENTS, VISIBLE
 from navlearn.outages.statistics import FEWEST_UNITS, HARM
 from navlearn.outages.tables import HEAD
 from navlearn.outages.track import TURN_STEP
@@ -76,13 +76,15 @@ def test_predictor_page_shows_every_entry_of_the_metadata() -> None:
 def test_outage_page_shows_every_column_in_order() -> None:
     shown = [row[0].strip("`") for row in tables_of("docs/outages.md")["Figures"]]
     figures = [name for name in FIGURES if name not in HEAD]
-    verdict = ("satellites_visible", "azimuth_judged_by", "used", "reason")
+    verdict = ("satellites", "satellites_visible", "azimuth_judged_by", "used", "reason")
     assert shown == [*HEAD, *verdict, *figures, "failure"]
 
 
 def test_outage_page_shows_every_placement() -> None:
     shown = {row[0].strip("`") for row in tables_of("docs/outages.md")["Placement"]}
     assert shown == set(PLACEMENTS)
+    rules = {row[0].strip("`") for row in tables_of("docs/outages.md")["Partial outages"]}
+    assert rules == set(VISIBLE)
     text = (ROOT / "docs" / "outages.md").read_text(encoding="utf-8")
     assert {word for word in DYNAMICS if f"`{word}`" not in text} == set()
     assert f"steps of {TURN_STEP:g} s" in text
