@@ -17,6 +17,7 @@ from navlearn.logs.drive_log import DriveLog, LogMetadata
 from navlearn.logs.formats.csv_tables import read_frame
 from navlearn.logs.formats.finding import listing
 from navlearn.logs.nearest import nearest_hint
+from navlearn.logs.range_truth import RANGE_TRUTH, RangeTruth, save_range_truth
 from navlearn.logs.sensor_truth import SENSOR_TRUTH, SensorTruth, save_sensor_truth
 from navlearn.logs.validate import validate_log
 
@@ -32,6 +33,7 @@ def save_log(
     table_format: Literal["csv", "parquet"] = "csv",
     force: bool = False,
     truth: SensorTruth | None = None,
+    range_truth: RangeTruth | None = None,
 ) -> Path:
     """Write a drive log into a folder.
 
@@ -42,6 +44,7 @@ def save_log(
         force: Whether an earlier log in the folder may be replaced.
         truth: What only a simulation knows of the log's gyro; written beside the tables, and
             read by oracles alone.
+        range_truth: The same of the log's ranges.
 
     Returns:
         The folder.
@@ -56,7 +59,8 @@ def save_log(
     files = {name: f"{name}{_ENDINGS[table_format]}" for name in tables}
     header = _header(log, files)
     endings = _ENDINGS.values()
-    every = (HEADER, SENSOR_TRUTH, *(f"{name}{ending}" for name in TABLES for ending in endings))
+    beside = (HEADER, SENSOR_TRUTH, RANGE_TRUTH)
+    every = (*beside, *(f"{name}{ending}" for name in TABLES for ending in endings))
     present = [name for name in every if (folder / name).exists()]
     if present and not force:
         raise OutputExistsError(
@@ -69,6 +73,8 @@ def save_log(
         _write(table, folder / files[name])
     if truth is not None:
         save_sensor_truth(truth.of(log), folder)
+    if range_truth is not None:
+        save_range_truth(range_truth.of(log), folder)
     (folder / HEADER).write_text(header, encoding="utf-8")
     return folder
 
