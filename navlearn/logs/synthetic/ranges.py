@@ -8,6 +8,8 @@ import pandas as pd
 import torch
 from numpy.typing import NDArray
 
+from navlearn.gnss.ephemeris import KeplerEphemeris
+from navlearn.gnss.gnss_time import WEEK
 from navlearn.gnss.range_noise import CN0_OF_FIGURES
 from navlearn.logs.range_truth import COLUMNS, RangeTruth
 from navlearn.logs.synthetic.aiding import antenna
@@ -17,13 +19,11 @@ from navlearn.logs.synthetic.range_errors import RangeErrors, carrier_to_noise, 
 from navlearn.logs.synthetic.receiver_clock import ReceiverClock, receiver_clock
 from navlearn.logs.synthetic.reflections import reflections
 from navlearn.logs.synthetic.satellite_options import SatelliteOptions
-from navlearn.logs.synthetic.satellites import EPOCH, Orbits, Signals, constellation, signals
+from navlearn.logs.synthetic.satellites import EPOCH, Signals, constellation, signals
 from navlearn.logs.synthetic.street import hidden, roofs
 
 CORRECTIONS: Final = ("satellite_clock", "ionosphere", "troposphere")
 """What simulated ranges are already free of; their satellites are in the axes of sending."""
-
-_WEEK = 604800.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,7 +127,7 @@ def gps_origin(options: SatelliteOptions, seed: int) -> float:
     """
     if options.gps_time is not None:
         return options.gps_time
-    return EPOCH + float(generator(seed, "ranges/time").integers(0, int(_WEEK) - 86400))
+    return EPOCH + float(generator(seed, "ranges/time").integers(0, int(WEEK) - 86400))
 
 
 _LEAST_STD = 0.01
@@ -143,8 +143,9 @@ def _sky(
     seed: int,
 ) -> _Sky:
     lat, lon, height, velocity = antenna(truth, lever_arm)
-    names, orbits = _satellites(options.systems)
-    seen = signals(orbits, origin + truth.t, (lat, lon, height), velocity)
+    names, orbits = _satellites(options.systems, origin)
+    # Seconds of the week keep nanometres that seconds since 1980 round to half a millimetre.
+    seen = signals(orbits, origin % WEEK + truth.t, (lat, lon, height), velocity)
     dt = float(t[1] - t[0]) if t.size > 1 else 1.0
     speed = np.nan_to_num(truth.kinematics.speed)
     way = np.cumsum(speed) * dt
@@ -168,10 +169,14 @@ def _sky(
     )
 
 
-def _satellites(systems: tuple[str, ...]) -> tuple[tuple[str, ...], Orbits]:
-    found = [constellation(system) for system in systems]
+def _satellites(
+    systems: tuple[str, ...], gps_time: float
+) -> tuple[tuple[str, ...], KeplerEphemeris]:
+    found = [constellation(system, gps_time) for system in systems]
     names = tuple(name for some, _ in found for name in some)
-    return names, Orbits(*(torch.cat(parts) for parts in zip(*(o for _, o in found), strict=True)))
+    return names, KeplerEphemeris(
+        *(torch.cat(parts) for parts in zip(*(o for _, o in found), strict=True))
+    )
 
 
 def _offsets(names: tuple[str, ...], options: SatelliteOptions, seed: int) -> Array:

@@ -136,6 +136,12 @@ class SatelliteOptions:
             if entry.name not in ("systems", "fixes", "gps_time"):
                 self._check(entry.name)
 
+        if self.gps_time is not None and not 0.0 <= self.gps_time < 1e10:
+            raise ConfigError(
+                f"satellites: gps_time: found {self.gps_time!r}, expected seconds since 6 January "
+                "1980"
+            )
+
     def _check(self, name: str) -> None:
         value = getattr(self, name)
         least = 1.0 if name in _AT_LEAST_ONE_SECOND else 0.0

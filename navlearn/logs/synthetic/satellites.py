@@ -1,8 +1,8 @@
 """Satellites on Kepler orbits, and when they sent what a car receives.
 
 Constellations have the shape of the real ones: evenly spread planes, satellites evenly spread in
-a plane and shifted from plane to plane, orbits a little eccentric. They are nobody's satellites:
-a number names a place in the pattern.
+a plane and shifted from plane to plane, orbits a little eccentric and undisturbed. They are
+nobody's satellites: a number names a place in the pattern.
 """
 
 import math
@@ -14,12 +14,15 @@ from torch import Tensor
 
 from navlearn import frames, wgs84
 from navlearn.gnss.earth_rotation import in_axes_of_reception
+from navlearn.gnss.ephemeris import KeplerEphemeris
+from navlearn.gnss.gnss_time import WEEK
+from navlearn.gnss.kepler import kepler_state
 from navlearn.gnss.sight import sight
 from navlearn.gnss.signals import SPEED_OF_LIGHT
 from navlearn.logs.synthetic.draws import Array
 
-EPOCH: Final = 2400.0 * 604800.0
-"""When the first satellite of every plane passes its pattern's start, GPS seconds."""
+EPOCH: Final = 2400.0 * WEEK
+"""When every pattern is as it is stated, GPS seconds."""
 
 _PASSES = 4
 
@@ -55,26 +58,6 @@ PATTERNS: Final = {
 """Patterns of GPS, Galileo and GLONASS, by RINEX letter."""
 
 
-class Orbits(NamedTuple):
-    """Kepler orbits of S satellites, shape (S,) each.
-
-    Attributes:
-        semi_major_axis: m.
-        eccentricity: Dimensionless.
-        inclination: rad.
-        node: Longitude of the ascending node at :data:`EPOCH`, in Earth-fixed axes, rad.
-        perigee: Argument of perigee, rad.
-        mean_anomaly: At :data:`EPOCH`, rad.
-    """
-
-    semi_major_axis: Tensor
-    eccentricity: Tensor
-    inclination: Tensor
-    node: Tensor
-    perigee: Tensor
-    mean_anomaly: Tensor
-
-
 class Signals(NamedTuple):
     """What M receptions take in from S satellites, visible or not; shape (M, S) each.
 
@@ -95,14 +78,16 @@ class Signals(NamedTuple):
     azimuth: Array
 
 
-def constellation(system: str) -> tuple[tuple[str, ...], Orbits]:
+def constellation(system: str, gps_time: float) -> tuple[tuple[str, ...], KeplerEphemeris]:
     """Return the satellites of a system.
 
     Args:
         system: RINEX letter, of :data:`PATTERNS`.
+        gps_time: When the orbits are wanted to within some days, GPS seconds.
 
     Returns:
-        Their names, such as G01, and their orbits.
+        Their names, such as G01, and their orbits, shape (S,); times of the orbits count from
+        the beginning of the week of ``gps_time``.
     """
     pattern = PATTERNS[system]
     count = pattern.planes * pattern.per_plane
@@ -110,62 +95,34 @@ def constellation(system: str) -> tuple[tuple[str, ...], Orbits]:
     plane, place = number // pattern.per_plane, number % pattern.per_plane
     turn = 2.0 * math.pi
     # Spread over what real orbits have, always the same.
-    spread = np.mod(number * 0.618034, 1.0)
+    eccentricity = pattern.eccentricity * np.mod(number * 0.618034, 1.0)
     perigee = turn * np.mod(number * 0.414214, 1.0)
     argument = turn * (place / pattern.per_plane + plane * pattern.phase / count)
-    values = (
-        np.full(count, pattern.semi_major_axis),
-        pattern.eccentricity * spread,
-        np.full(count, pattern.inclination),
-        pattern.first_node + turn * plane / pattern.planes,
-        perigee,
-        argument - perigee,
-    )
+    week = math.floor(gps_time / WEEK) * WEEK
+    motion = math.sqrt(wgs84.GRAVITATIONAL_CONSTANT / pattern.semi_major_axis**3)
+    node = pattern.first_node + turn * plane / pattern.planes - wgs84.EARTH_RATE * (week - EPOCH)
+    elements = {
+        "toe": np.full(count, gps_time - week),
+        "toe_of_week": np.full(count, gps_time - week),
+        "toc": np.full(count, gps_time - week),
+        "sqrt_a": np.full(count, math.sqrt(pattern.semi_major_axis)),
+        "eccentricity": eccentricity,
+        "mean_anomaly": np.mod(argument - perigee + motion * (gps_time - EPOCH), turn),
+        "perigee": perigee,
+        "inclination": np.full(count, pattern.inclination),
+        "node": np.mod(node, turn),
+        "gravitation": np.full(count, wgs84.GRAVITATIONAL_CONSTANT),
+        "earth_rate": np.full(count, wgs84.EARTH_RATE),
+    }
+    # Clocks are perfect, and orbits are not disturbed.
+    none = np.zeros(count)
+    values = (elements.get(name, none) for name in KeplerEphemeris._fields)
     names = tuple(f"{system}{n + 1:02d}" for n in number)
-    return names, Orbits(*(torch.tensor(v, dtype=torch.float64) for v in values))
-
-
-def orbit_state(orbits: Orbits, gps_seconds: Tensor) -> tuple[Tensor, Tensor]:
-    """Return position and velocity of satellites.
-
-    [ISGPS200] §20.3.3.4.3 without the harmonic corrections.
-
-    Args:
-        orbits: Orbits, shape (S,).
-        gps_seconds: Times, GPS seconds, shape (..., S).
-
-    Returns:
-        Position (m) and velocity against the Earth (m/s) in Earth-fixed axes of the moment, shape
-        (..., S, 3) each.
-    """
-    elapsed = gps_seconds - EPOCH
-    motion = torch.sqrt(wgs84.GRAVITATIONAL_CONSTANT / orbits.semi_major_axis**3)
-    mean = orbits.mean_anomaly + motion * elapsed
-    e = orbits.eccentricity
-    eccentric = mean
-    for _ in range(8):
-        eccentric = mean + e * torch.sin(eccentric)
-    root = torch.sqrt(1.0 - e * e)
-    s, c = torch.sin(eccentric), torch.cos(eccentric)
-    rate = motion / (1.0 - e * c)
-    a = orbits.semi_major_axis
-    along, across = a * (c - e), a * root * s
-    along_dot, across_dot = -a * s * rate, a * root * c * rate
-    sw, cw = torch.sin(orbits.perigee), torch.cos(orbits.perigee)
-    x, y = cw * along - sw * across, sw * along + cw * across
-    x_dot, y_dot = cw * along_dot - sw * across_dot, sw * along_dot + cw * across_dot
-    node = orbits.node - wgs84.EARTH_RATE * elapsed
-    sn, cn = torch.sin(node), torch.cos(node)
-    si, ci = torch.sin(orbits.inclination), torch.cos(orbits.inclination)
-    position = torch.stack((x * cn - y * ci * sn, x * sn + y * ci * cn, y * si), dim=-1)
-    turned = torch.stack(
-        (x_dot * cn - y_dot * ci * sn, x_dot * sn + y_dot * ci * cn, y_dot * si), dim=-1
-    )
-    return position, turned - _earth_turn(position)
+    return names, KeplerEphemeris(*(torch.tensor(v, dtype=torch.float64) for v in values))
 
 
 def signals(
-    orbits: Orbits, gps_seconds: Array, place: tuple[Array, Array, Array], v_l: Array
+    orbits: KeplerEphemeris, seconds: Array, place: tuple[Array, Array, Array], v_l: Array
 ) -> Signals:
     """Return what an antenna takes in from satellites.
 
@@ -174,7 +131,7 @@ def signals(
 
     Args:
         orbits: Orbits, shape (S,).
-        gps_seconds: Times of reception, GPS seconds, shape (M,).
+        seconds: Times of reception, GPS seconds of the orbits' week, shape (M,).
         place: Latitude (rad), longitude (rad) and height (m) of the antenna, shape (M,) each.
         v_l: Its velocity, east, north, up, m/s, shape (M, 3).
     """
@@ -182,19 +139,19 @@ def signals(
     antenna = frames.ecef_from_geodetic(lat, lon, height)[:, None, :]
     c_le = frames.enu_from_ecef_matrix(lat, lon)
     moving = torch.einsum("mij,mi->mj", c_le, torch.from_numpy(v_l))[:, None, :]
-    at = torch.from_numpy(gps_seconds)[:, None]
-    travel = torch.full((at.shape[0], orbits.node.shape[0]), 0.075, dtype=torch.float64)
+    at = torch.from_numpy(seconds)[:, None]
+    travel = torch.full((at.shape[0], orbits.toe.shape[0]), 0.075, dtype=torch.float64)
     for _ in range(_PASSES):
-        position, velocity = orbit_state(orbits, at - travel)
-        here = in_axes_of_reception(position, travel)
+        state = kepler_state(orbits, at - travel)
+        here = in_axes_of_reception(state.position, travel)
         travel = torch.linalg.vector_norm(here - antenna, dim=-1) / SPEED_OF_LIGHT
     seen = sight(lat, lon, height, here)
     unit = (here - antenna) / seen.distance[..., None]
-    sent = in_axes_of_reception(velocity, travel)
+    sent = in_axes_of_reception(state.velocity, travel)
     # d(here)/dt = sent (1 − τ') − (ω × here) τ', and τ' = rate / c.
     drag = (unit * (sent + _earth_turn(here))).sum(-1) / SPEED_OF_LIGHT
     rate = (unit * (sent - moving)).sum(-1) / (1.0 + drag)
-    found = (position, velocity, seen.distance, rate, seen.elevation, seen.azimuth)
+    found = (state.position, state.velocity, seen.distance, rate, seen.elevation, seen.azimuth)
     return Signals(*(a.numpy() for a in found))
 
 
