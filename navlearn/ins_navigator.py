@@ -17,10 +17,10 @@ from navlearn.fusion.ins.layout import ins_layout
 from navlearn.fusion.ins.loosely_coupled import InsEkf, Method
 from navlearn.fusion.ins.options import InsEkfOptions
 from navlearn.fusion.ins.smoothing import SmoothedInsDrive, smooth_ins
-from navlearn.fusion.ins.start import initial_ins_belief
+from navlearn.fusion.ins.start import aligned_ins_belief, calibrated
 from navlearn.fusion.smoothing import SmoothingOptions
+from navlearn.fusion.start import told_from
 from navlearn.mechanization.confirmed_standstill import confirmed_standstill
-from navlearn.mechanization.increments import inertial_errors_removed
 from navlearn.mechanization.ins_alignment import InsAlignment, InsAlignmentOptions, align_ins
 from navlearn.mechanization.strapdown_parallel import strapdown_over_time
 from navlearn.states import FixTiming, GnssFix, ImuSample, InsState
@@ -121,12 +121,13 @@ class InsNavigator:
         if alignment is None:
             alignment = self.align(samples, fixes, timing, bridged=bridged)
         first = alignment.sample + 1
-        rest = self._calibrated(ImuSample(*(channel[first:] for channel in samples)), alignment)
+        rest = ImuSample(*(channel[first:] for channel in samples))
+        rest = calibrated(self.options.filter, rest, alignment)
         with torch.no_grad():
             history = self.ekf(
                 self.start(alignment),
                 rest,
-                *_from(fixes, timing, first),
+                *told_from(fixes, timing, first),
                 method=self.options.method,
             )
         return InsNavigatorRun(first, alignment, rest, history)
@@ -152,7 +153,12 @@ class InsNavigator:
         start = self.start(run.alignment)
         with torch.no_grad():
             return smooth_ins(
-                self.ekf, start, run.samples, *_from(fixes, timing, run.first), run.history, options
+                self.ekf,
+                start,
+                run.samples,
+                *told_from(fixes, timing, run.first),
+                run.history,
+                options,
             )
 
     def start(self, alignment: InsAlignment) -> InsBelief:
@@ -161,13 +167,7 @@ class InsNavigator:
         Args:
             alignment: Where and with what the filter starts.
         """
-        told = ("position", "height", "velocity", "gyro_bias", "accel_bias")
-        sigmas: dict[str, float | Tensor] = {x: getattr(alignment, f"{x}_sigma") for x in told}
-        sigmas |= zip(("phi_east", "phi_north", "phi_up"), alignment.attitude_sigma, strict=True)
-        sensor = {"gyro_bias": alignment.gyro_bias, "accel_bias": alignment.accel_bias}
-        return initial_ins_belief(
-            self.options.filter, alignment.state, sensor=sensor, sigmas=sigmas
-        )
+        return aligned_ins_belief(self.options.filter, alignment)
 
     def coast(self, belief: InsBelief, samples: ImuSample) -> InsState:
         """Run the strapdown from a belief without any measurement.
@@ -220,21 +220,6 @@ class InsNavigator:
         elapsed = torch.cumsum(dt, -1) - dt
         left = torch.exp(-elapsed / self.options.filter.correlation_time)
         return sensor[..., None, :6] * left.unsqueeze(-1)
-
-    def _calibrated(self, samples: ImuSample, alignment: InsAlignment) -> ImuSample:
-        """Return samples less alignment's biases where the filter has no states for them."""
-        if self.layout.has_bias:
-            return samples
-        return inertial_errors_removed(samples, alignment.gyro_bias, alignment.accel_bias)
-
-
-def _from(fixes: GnssFix, timing: FixTiming, first: int) -> tuple[GnssFix, FixTiming]:
-    """Return the fixes used at the end of an interval or later; their indices count from it."""
-    later = timing.index >= first
-    return (
-        GnssFix(*(channel[later] for channel in fixes)),
-        FixTiming(timing.index[later] - first, timing.delay[later]),
-    )
 
 
 def ins_belief_at(history: InsHistory, block: Tensor | int) -> InsBelief:

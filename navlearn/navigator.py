@@ -15,7 +15,6 @@ from navlearn import wgs84
 from navlearn.errors import ConfigError
 from navlearn.filters.belief import Belief
 from navlearn.frames import shift_geodetic
-from navlearn.fusion.error_state import initial_belief
 from navlearn.fusion.history import FilterHistory
 from navlearn.fusion.loosely_coupled import LooselyCoupledEkf, map_belief
 from navlearn.fusion.options import EkfOptions
@@ -26,6 +25,7 @@ from navlearn.fusion.sensor_errors import (
     sensor_errors,
 )
 from navlearn.fusion.smoothing import SmoothedDrive, SmoothingOptions, smooth
+from navlearn.fusion.start import aligned_belief, told_from
 from navlearn.mechanization.alignment import Alignment, AlignmentOptions, align_from_course
 from navlearn.mechanization.riss_adjoint import integrate
 from navlearn.states import FixTiming, GnssFix, RissSample, Trajectory
@@ -87,14 +87,12 @@ class Navigator:
         """
         alignment = align_from_course(samples, fixes, timing, self.options.alignment)
         first = alignment.sample + 1
-        later = timing.index >= first
         rest = RissSample(*(channel[first:] for channel in samples))
         with torch.no_grad():
             history = self.ekf(
                 self.start(alignment),
                 rest,
-                GnssFix(*(channel[later] for channel in fixes)),
-                FixTiming(timing.index[later] - first, timing.delay[later]),
+                *told_from(fixes, timing, first),
                 method=self.options.method,
             )
         return NavigatorRun(first, alignment, rest, history)
@@ -117,32 +115,20 @@ class Navigator:
         Returns:
             The smoothed drive; its indices count from the run's first interval.
         """
-        later = timing.index >= run.first
+        start = self.start(run.alignment)
         with torch.no_grad():
             return smooth(
                 self.ekf,
-                self.start(run.alignment),
+                start,
                 run.samples,
-                GnssFix(*(channel[later] for channel in fixes)),
-                FixTiming(timing.index[later] - run.first, timing.delay[later]),
+                *told_from(fixes, timing, run.first),
                 run.history,
                 options,
             )
 
     def start(self, alignment: Alignment) -> Belief:
         """Return the belief that an alignment justifies."""
-        return initial_belief(
-            self.options.filter,
-            alignment.state,
-            sensor={"gyro_bias": alignment.gyro_bias},
-            sigmas={
-                "east": alignment.position_sigma,
-                "north": alignment.position_sigma,
-                "up": alignment.height_sigma,
-                "azimuth": alignment.azimuth_sigma,
-                "gyro_bias": alignment.gyro_bias_sigma,
-            },
-        )
+        return aligned_belief(self.options.filter, alignment)
 
     def coast(
         self, belief: Belief, samples: RissSample, yaw_rate_error: Tensor | None = None

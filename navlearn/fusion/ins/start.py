@@ -1,4 +1,4 @@
-"""The belief with which a full-IMU filter starts."""
+"""With what a full-IMU filter starts: belief, and samples less what it has no states for."""
 
 from collections.abc import Mapping
 
@@ -10,7 +10,9 @@ from navlearn.filters.ins_belief import InsBelief
 from navlearn.fusion.ins.layout import INS_ERROR_UNITS, InsLayout, ins_layout
 from navlearn.fusion.ins.measurements import InsKind
 from navlearn.fusion.ins.options import InsEkfOptions
-from navlearn.states import InsState
+from navlearn.mechanization.increments import inertial_errors_removed
+from navlearn.mechanization.ins_alignment import InsAlignment
+from navlearn.states import ImuSample, InsState
 
 GROUPS: dict[str, tuple[str, ...]] = {
     "position": ("east", "north"),
@@ -78,6 +80,39 @@ def initial_ins_belief(
         torch.diag_embed(sigma * sigma),
         like.new_zeros((*batch, len(InsKind))),
     )
+
+
+def aligned_ins_belief(options: InsEkfOptions, alignment: InsAlignment) -> InsBelief:
+    """Return the belief that an alignment justifies.
+
+    Args:
+        options: Choices of the filter.
+        alignment: Where and with what the filter starts.
+
+    Returns:
+        Belief, no batch axis.
+    """
+    told = ("position", "height", "velocity", "gyro_bias", "accel_bias")
+    sigmas: dict[str, float | Tensor] = {x: getattr(alignment, f"{x}_sigma") for x in told}
+    sigmas |= zip(("phi_east", "phi_north", "phi_up"), alignment.attitude_sigma, strict=True)
+    sensor = {"gyro_bias": alignment.gyro_bias, "accel_bias": alignment.accel_bias}
+    return initial_ins_belief(options, alignment.state, sensor=sensor, sigmas=sigmas)
+
+
+def calibrated(options: InsEkfOptions, samples: ImuSample, alignment: InsAlignment) -> ImuSample:
+    """Return samples less alignment's biases where the filter has no states for them.
+
+    Args:
+        options: Choices of the filter.
+        samples: Samples, shape (T,) and (T, 3) each.
+        alignment: What it found.
+
+    Returns:
+        Samples of the same shape.
+    """
+    if ins_layout(options).has_bias:
+        return samples
+    return inertial_errors_removed(samples, alignment.gyro_bias, alignment.accel_bias)
 
 
 def _set(
