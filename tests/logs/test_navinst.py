@@ -3,6 +3,7 @@ import pytest
 import scipy.io
 
 from navlearn.errors import LogError, LogNotFoundError
+from navlearn.logs.formats.navinst_ranges import read_navinst_ranges
 from navlearn.logs.reading import read_log
 
 N = 30
@@ -57,6 +58,69 @@ def variables():
             "INS_Azi": column(199.7),
         },
     }
+
+
+def cells(rows, *, standing=False):
+    found = np.empty((1, len(rows)), dtype=object)
+    for k, row in enumerate(rows):
+        found[0, k] = np.atleast_2d(np.asarray(row, dtype=np.float64))
+        if standing:
+            found[0, k] = found[0, k].T
+    return found
+
+
+def raw_ranges():
+    """Return three receptions of the GPS receiver, the second of them without a satellite."""
+    heard = [[22, 5], [], [5]]
+    standing = {
+        "Sat_Num": heard,
+        "Rho_GPS": [[2.3e7, 2.4e7], [], [2.5e7]],
+        "Rho_GPS_std": [[0.1, 0.2], [], [0.3]],
+        "Dopp_GPS": [[1000.0, -2000.0], [], [0.0]],
+        "Sat_Clk_Corr": [[100.0, 200.0], [], [300.0]],
+        "Sat_Ion_Corr": [[-5.0, 6.0], [], [7.0]],
+        "Sat_Tro_Corr": [[2.0, 3.0], [], [4.0]],
+        "Sat_X": [[2e7, 1.5e7], [], [1e7]],
+        "Sat_Y": [[1e7, -1.5e7], [], [-2e7]],
+        "Sat_Z": [[1e7, 1.5e7], [], [1.2e7]],
+    }
+    lying = {f"Sat_V{axis}": [[1.0, 2.0], [], [3.0]] for axis in "XYZ"}
+    seconds = np.array([[152142, 152143, 152144]], dtype=np.int32)
+    weeks = np.full((1, 3), 1485, dtype=np.uint16)
+    return {
+        "rover/Mat/Raw_Data_combined.mat": {
+            "RAW_second": seconds,
+            "RAW_week": weeks,
+            **{name: cells(rows, standing=True) for name, rows in standing.items()},
+            **{name: cells(rows) for name, rows in lying.items()},
+        },
+        # the receiver heard one satellite more, in another order
+        "rover/Mat/PointPositioning/GPS_Data_Combined_Nova.mat": {
+            "GPS_sec": seconds,
+            "GPS_week": weeks,
+            "sv_no": cells([[5, 9, 22], [9], [9]]),
+            "c_2_n_L1": cells([[41, 30, 44], [31], [32]]),
+        },
+        "rover/Mat/IONUTC.mat": {
+            f"{letter}{power}": np.full((5, 1), 10.0 * (letter == "b") + power)
+            for letter in "ab"
+            for power in range(4)
+        },
+    }
+
+
+@pytest.fixture
+def raw_drive(drive, tmp_path):
+    def write(**changes):
+        folder = drive()
+        for path, found in raw_ranges().items():
+            file = folder / path
+            file.parent.mkdir(parents=True, exist_ok=True)
+            kept = {**found, **changes.get(file.stem, {})}
+            scipy.io.savemat(file, {k: v for k, v in kept.items() if v is not None})
+        return folder
+
+    return write
 
 
 @pytest.fixture
@@ -153,3 +217,70 @@ def test_a_file_that_is_no_matlab(drive):
 def test_damaged_variables(drive, changes, message):
     with pytest.raises(LogError, match=message):
         read_log(drive(**changes))
+
+
+def test_raw_ranges(raw_drive):
+    log = read_log(raw_drive())
+    ranges = log.ranges
+    assert ranges["satellite"].tolist() == ["G22", "G05", "G05"]
+    assert ranges["t"].tolist() == [0.0, 0.0, 2.0]
+    assert ranges["pseudorange"].tolist() == [2.3e7, 2.4e7, 2.5e7]
+    wavelength = 299792458.0 / 1575.42e6
+    np.testing.assert_allclose(ranges["range_rate"], [-1000.0 * wavelength, 2000 * wavelength, 0])
+    np.testing.assert_array_equal(ranges["cn0"], [44.0, 41.0, np.nan])
+    assert ranges["sat_clock"].tolist() == [100.0, 200.0, 300.0]
+    assert ranges["ionosphere"].tolist() == [-5.0, 6.0, 7.0]
+    assert ranges["troposphere"].tolist() == [2.0, 3.0, 4.0]
+    assert ranges["std_range"].tolist() == [0.1, 0.2, 0.3]
+    assert ranges[["sat_x", "sat_y", "sat_z", "sat_vz"]].iloc[2].tolist() == [1e7, -2e7, 1.2e7, 3]
+    assert log.metadata.range_corrections == ("earth_rotation",)
+    assert log.metadata.klobuchar == (0.0, 1.0, 2.0, 3.0, 10.0, 11.0, 12.0, 13.0)
+    assert log.metadata.gps_time_origin == 1485 * 604800.0 + 152142.0
+
+
+def test_the_files_of_raw_ranges_are_optional(raw_drive):
+    folder = raw_drive()
+    next(folder.rglob("IONUTC.mat")).unlink()
+    next(folder.rglob("GPS_Data_Combined_Nova.mat")).unlink()
+    log = read_log(folder)
+    assert log.metadata.klobuchar == ()
+    assert "cn0" not in log.ranges
+    next(folder.rglob("Raw_Data_combined.mat")).unlink()
+    log = read_log(folder)
+    assert log.ranges is None
+    assert log.metadata.range_corrections == ()
+
+
+def test_a_week_ends_during_the_drive(raw_drive):
+    turn = {
+        "RAW_second": np.array([[604799, 0, 1]], dtype=np.int32),
+        "RAW_week": np.array([[1484, 1485, 1485]], dtype=np.uint16),
+    }
+    folder = raw_drive(Raw_Data_combined=turn)
+    next(folder.rglob("GPS_Data_Combined_Nova.mat")).unlink()
+    found = read_navinst_ranges(folder)
+    assert found.table["t"].tolist() == [604799.0, 604799.0, 604801.0]
+    assert found.gps_time_origin == 1484 * 604800.0
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"Rho_GPS": cells([[2.3e7], [], [2.5e7]])}, "Rho_GPS does not hold a value for each"),
+        ({"Dopp_GPS": cells([[1.0, 2.0], []])}, r"Dopp_GPS .* cell 3"),
+        ({"Sat_X": None}, "no variable Sat_X; found"),
+        ({"Sat_Num": np.array([[22.0, 5.0]])}, "Sat_Num is no row of cells"),
+        ({"Sat_Num": cells([[22, 45], [], [5]])}, "satellite 45 is no GPS satellite"),
+        ({"RAW_week": np.full((1, 2), 1485)}, "3 times and 2 weeks for 3 receptions"),
+        ({"Sat_Num": cells([[5, 5], [], [5]])}, "satellite G05 comes twice"),
+        ({"Sat_Clk_Corr": np.array([["a", "b"]], dtype=object)}, "Sat_Clk_Corr is not numbers"),
+    ],
+)
+def test_damaged_raw_ranges(raw_drive, change, said):
+    with pytest.raises(LogError, match=said):
+        read_log(raw_drive(Raw_Data_combined=change))
+
+
+def test_an_empty_ionosphere(raw_drive):
+    with pytest.raises(LogError, match="hold no values"):
+        read_log(raw_drive(IONUTC={"b3": np.zeros((0, 1))}))

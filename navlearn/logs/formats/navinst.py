@@ -1,7 +1,8 @@
 """Drives as the NavINST laboratory publishes them: a tree of MATLAB files.
 
 ``f_w_IMSseconds_dt.mat`` holds the IMU (already x right, y forward, z up), a CarChip file the
-OBD-II speed, ``BESTGPSPOS`` and ``BESTGPSVEL`` the NovAtel fixes, ``INSPVA`` the reference.
+OBD-II speed, ``BESTGPSPOS`` and ``BESTGPSVEL`` the NovAtel fixes, ``INSPVA`` the reference;
+``Raw_Data_combined`` and files beside it raw ranges (:mod:`.navinst_ranges`).
 All are on GPS seconds of week. BESTGPSPOS heights are above mean sea level, INSPVA heights above
 the ellipsoid. IMU samples are means over the interval that ends at their time: read as instants,
 they lag the reference's azimuth by 0.050 s, half their spacing.
@@ -18,7 +19,8 @@ from navlearn.errors import LogError, LogNotFoundError
 from navlearn.logs.assemble import Published
 from navlearn.logs.descriptor import Descriptor
 from navlearn.logs.formats.finding import listing
-from navlearn.logs.interval_means import FloatArray
+from navlearn.logs.formats.navinst_files import find_one, load_variables, table_of, vector
+from navlearn.logs.formats.navinst_ranges import read_navinst_ranges
 
 KINGSTON_GEOID_HEIGHT: Final = -35.2
 """Geoid above the ellipsoid around Kingston, Ontario, where the laboratory drives, m."""
@@ -72,14 +74,15 @@ def read_navinst(folder: Path, descriptor: Descriptor) -> Published:
         descriptor: Not asked here; the same for every format.
 
     Returns:
-        IMU, odometer, fixes and, where INSPVA is there, reference.
+        IMU, odometer, fixes and, where INSPVA is there, reference; raw ranges where
+        Raw_Data_combined is there.
 
     Raises:
         LogNotFoundError: A file is missing.
         LogError: A file is truncated, or a variable is missing or of another length.
     """
     del descriptor
-    paths = {name: _find(folder, pattern) for name, pattern in PATTERNS.items()}
+    paths = {name: find_one(folder, pattern) for name, pattern in PATTERNS.items()}
     tables = {
         "imu": _imu(_required(folder, paths, "imu")),
         "odometer": _columns(_required(folder, paths, "odometer"), _ODOMETER),
@@ -92,6 +95,9 @@ def read_navinst(folder: Path, descriptor: Descriptor) -> Published:
     if paths["reference"] is not None:
         tables["reference"] = _columns(paths["reference"], _REFERENCE)
         files["reference"] = paths["reference"]
+    ranges = read_navinst_ranges(folder)
+    if ranges is not None:
+        tables["ranges"], files["ranges"] = ranges.table, ranges.path
     return Published(
         tables=tables,
         files={name: path.name for name, path in files.items() if path is not None},
@@ -100,17 +106,10 @@ def read_navinst(folder: Path, descriptor: Descriptor) -> Published:
         geoid_height=KINGSTON_GEOID_HEIGHT,
         time_scale="GPS seconds of week",
         interval_means=("imu",),
+        range_corrections=() if ranges is None else ranges.corrections,
+        klobuchar=() if ranges is None else ranges.klobuchar,
+        gps_time_origin=None if ranges is None else ranges.gps_time_origin,
     )
-
-
-def _find(folder: Path, name: str) -> Path | None:
-    found = sorted(folder.rglob(name))
-    if len(found) > 1:
-        raise LogError(
-            f"{folder}: {len(found)} drives below it ({found[0].parent}, {found[1].parent}); name "
-            "the folder of one"
-        )
-    return found[0] if found else None
 
 
 def _required(folder: Path, paths: Mapping[str, Path | None], name: str) -> Path:
@@ -123,52 +122,18 @@ def _required(folder: Path, paths: Mapping[str, Path | None], name: str) -> Path
     return path
 
 
-def _load(path: Path) -> dict[str, object]:
-    import scipy.io
-
-    try:
-        variables: dict[str, object] = scipy.io.loadmat(path, squeeze_me=False)
-    except Exception as error:
-        # A damaged file makes SciPy fail in many ways, private classes among them.
-        raise LogError(
-            f"{path.name}: not readable as a MATLAB 5 file ({path.stat().st_size} bytes; {error}); "
-            "it is truncated or damaged: fetch it again"
-        ) from error
-    return variables
-
-
-def _vector(path: Path, variables: Mapping[str, object], name: str) -> FloatArray:
-    if name not in variables:
-        found = ", ".join(key for key in variables if not key.startswith("__")) or "nothing"
-        raise LogError(
-            f"{path.name}: no variable {name}; found {found}; a file cut short loses its last "
-            "variables: fetch it again"
-        )
-    try:
-        return np.asarray(variables[name], dtype=np.float64).ravel()
-    except (TypeError, ValueError) as error:
-        raise LogError(f"{path.name}: variable {name} is not numbers ({error})") from error
-
-
-def _table(path: Path, columns: Mapping[str, FloatArray]) -> pd.DataFrame:
-    lengths = {name: values.size for name, values in columns.items()}
-    if len(set(lengths.values())) > 1:
-        raise LogError(f"{path.name}: variables differ in length: {lengths}; fetch the file again")
-    return pd.DataFrame(dict(columns))
-
-
 def _columns(path: Path, names: Mapping[str, tuple[str, float]]) -> pd.DataFrame:
-    variables = _load(path)
+    variables = load_variables(path)
     found = {
-        column: _vector(path, variables, variable) * factor
+        column: vector(path, variables, variable) * factor
         for column, (variable, factor) in names.items()
     }
-    return _table(path, found)
+    return table_of(path, found)
 
 
 def _imu(path: Path) -> pd.DataFrame:
-    variables = _load(path)
-    columns = {"t": _vector(path, variables, "IMU_second")}
+    variables = load_variables(path)
+    columns = {"t": vector(path, variables, "IMU_second")}
     for variable, prefix in (("w", "gyro"), ("f", "accel")):
         triad = variables.get(variable)
         if not isinstance(triad, np.ndarray) or triad.dtype.names is None:
@@ -176,5 +141,5 @@ def _imu(path: Path) -> pd.DataFrame:
         for axis in ("x", "y", "z"):
             if axis not in triad.dtype.names:
                 raise LogError(f"{path.name}: structure {variable} has no field {axis}")
-            columns[f"{prefix}_{axis}"] = _vector(path, {axis: triad[axis].flat[0]}, axis)
-    return _table(path, columns)
+            columns[f"{prefix}_{axis}"] = vector(path, {axis: triad[axis].flat[0]}, axis)
+    return table_of(path, columns)
