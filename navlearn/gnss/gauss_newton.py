@@ -58,16 +58,30 @@ def range_problem(
         system: Index of each satellite's system, int64, shape (N, S).
         systems: Number of systems.
     """
-    distance = torch.linalg.vector_norm(satellite, dim=-1)
-    known = (distance > wgs84.SEMI_MAJOR_AXIS) & torch.isfinite(distance + pseudorange)
-    aloft = torch.tensor([0.0, 0.0, 4.0 * wgs84.SEMI_MAJOR_AXIS]).to(satellite)
+    satellite, known = out_of_the_earth(satellite)
+    known = known & torch.isfinite(pseudorange)
     index = torch.arange(systems, device=system.device)
     return RangeProblem(
-        satellite=torch.where(known.unsqueeze(-1), satellite, aloft),
+        satellite=satellite,
         pseudorange=torch.where(known, pseudorange, 0.0),
         clocks=(system.unsqueeze(-1) == index).to(satellite.dtype),
         known=known,
     )
+
+
+def out_of_the_earth(satellite: Tensor) -> tuple[Tensor, Tensor]:
+    """Return satellites with those that are nowhere put over the pole, and which were somewhere.
+
+    Args:
+        satellite: Satellites, m, shape (..., 3).
+
+    Returns:
+        Satellites, shape (..., 3), and a mask, bool, shape (...).
+    """
+    distance = torch.linalg.vector_norm(satellite, dim=-1)
+    known = (distance > wgs84.SEMI_MAJOR_AXIS) & torch.isfinite(distance)
+    aloft = torch.tensor([0.0, 0.0, 4.0 * wgs84.SEMI_MAJOR_AXIS]).to(satellite)
+    return torch.where(known.unsqueeze(-1), satellite, aloft), known
 
 
 def linearised(problem: RangeProblem, position: Tensor, weight: Tensor) -> LeastSquares:

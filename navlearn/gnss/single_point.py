@@ -18,6 +18,7 @@ from navlearn.gnss.gauss_newton import Located, RangeProblem, linearised, locate
 from navlearn.gnss.least_squares import LeastSquares
 from navlearn.gnss.range_noise import RangeNoise, range_noise, range_variance
 from navlearn.gnss.receptions import flattened
+from navlearn.gnss.sight import sight
 from navlearn.gnss.single_point_options import SinglePointOptions
 from navlearn.gnss.usable import usable_ranges
 from navlearn.states import SatelliteRanges
@@ -125,8 +126,7 @@ def single_point(
     position = torch.where(began, surface, place.position)
     last = linearised(problem, position, weight)
     found = _solution(problem, position, last, weight, flat, options.elevation_mask)
-    away = problem.satellite - position.unsqueeze(-2)
-    unit = away / torch.linalg.vector_norm(away, dim=-1, keepdim=True)
+    unit = sight(found.lat, found.lon, found.height, problem.satellite).unit
     pdop = dilution(unit, found.used, flat.system).pdop
     reason = _reason(found, last, pdop, place.settled, passed, options)
     found = found._replace(reason=reason, ok=reason == Reason.SOLVED)

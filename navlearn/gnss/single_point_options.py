@@ -19,6 +19,7 @@ class SinglePointOptions:
         exclusions: Most satellites that may be excluded from one reception.
         largest_pdop: A worse geometry gives no position, and no velocity.
         heights: A position lower or higher than these above the ellipsoid is refused, m.
+        fastest: A velocity of this size or more is refused, m/s.
         iterations: Most Gauss–Newton steps; from the Earth's centre 6 suffice.
     """
 
@@ -28,6 +29,7 @@ class SinglePointOptions:
     exclusions: int = 4
     largest_pdop: float = 30.0
     heights: tuple[float, float] = (-1000.0, 20000.0)
+    fastest: float = 150.0
     iterations: int = 15
 
     def __post_init__(self) -> None:
@@ -43,6 +45,7 @@ class SinglePointOptions:
             ("exclusions", self.exclusions >= 0, "0 or more"),
             ("largest_pdop", self.largest_pdop > 0.0, "above 0"),
             ("heights", low < high, "lowest before highest"),
+            ("fastest", self.fastest > 0.0, "above 0"),
             ("iterations", self.iterations >= 1, "1 or more"),
         ):
             if not sound:
