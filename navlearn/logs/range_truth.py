@@ -63,17 +63,23 @@ class RangeTruth:
             LogError: The log has a range that is not here: it is another drive.
         """
         ranges = log.ranges if log.ranges is not None else self.table.iloc[:0]
-        wanted = ranges[["t", "satellite"]].reset_index(drop=True)
-        table = wanted.merge(self.table, on=["t", "satellite"], how="left", validate="1:1")
-        unknown = table["range_error"].isna().to_numpy()
-        if unknown.any():
-            row = int(np.argmax(unknown))
-            raise LogError(
-                f"{log.metadata.name}: the truth of its ranges has no value for satellite "
-                f"{table['satellite'].iloc[row]} at {table['t'].iloc[row]:g} s; it belongs to "
-                "another drive: write log and truth together again"
-            )
-        return RangeTruth(table=table)
+        known = self.table.assign(key=_key(self.table["t"]))
+        late = log.metadata.gnss_latency if log.metadata.latency_removed else 0.0
+        # A latency that was taken off the log's times is put back, unless this was made without.
+        for shift in (late, 0.0):
+            wanted = ranges[["t", "satellite"]].assign(key=_key(ranges["t"] + shift))
+            table = wanted.merge(
+                known.drop(columns="t"), on=["key", "satellite"], how="left", validate="1:1"
+            ).drop(columns="key")
+            unknown = table["range_error"].isna().to_numpy()
+            if not unknown.any():
+                return RangeTruth(table=table[list(COLUMNS)])
+        row = int(np.argmax(unknown))
+        raise LogError(
+            f"{log.metadata.name}: the truth of its ranges has no value for satellite "
+            f"{table['satellite'].iloc[row]} at {table['t'].iloc[row]:g} s; it belongs to "
+            "another drive: write log and truth together again"
+        )
 
     def column(self, name: str) -> npt.NDArray[np.float64]:
         """Return a column of numbers.
@@ -82,6 +88,10 @@ class RangeTruth:
             name: One of :data:`COLUMNS` but the satellite.
         """
         return self.table[name].to_numpy(np.float64)
+
+
+def _key(t: "pd.Series[float]") -> npt.NDArray[np.int64]:
+    return np.asarray(np.rint(t.to_numpy(np.float64) * 1e6), dtype=np.int64)
 
 
 def save_range_truth(truth: RangeTruth, folder: Path) -> Path:

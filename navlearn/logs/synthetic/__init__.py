@@ -7,7 +7,9 @@ from navlearn.logs.synthetic.jaradat2017 import jaradat2017_scenario
 from navlearn.logs.synthetic.recorded import motion_from_trajectory
 from navlearn.logs.synthetic.satellite_options import PRESETS, SatelliteOptions
 from navlearn.logs.synthetic.semi_real import with_aiding_from_reference
-from navlearn.logs.synthetic.simulate import SimulatedDrive, simulate_drive
+from navlearn.logs.synthetic.semi_real_ranges import with_simulated_ranges
+from navlearn.logs.synthetic.simulate import simulate_drive
+from navlearn.logs.synthetic.simulated_drive import SimulatedDrive
 
 __all__ = [
     "GRADES",
@@ -20,4 +22,5 @@ __all__ = [
     "motion_from_trajectory",
     "simulate_drive",
     "with_aiding_from_reference",
+    "with_simulated_ranges",
 ]

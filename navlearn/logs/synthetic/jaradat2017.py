@@ -31,7 +31,8 @@ from navlearn.logs.synthetic.inertial_errors import accelerometer_errors, gyro_e
 from navlearn.logs.synthetic.inverse import Truth
 from navlearn.logs.synthetic.log_parts import START_TEMPERATURE, describe, imu_table
 from navlearn.logs.synthetic.motion import Kinematics
-from navlearn.logs.synthetic.simulate import ORIGIN, SimulatedDrive
+from navlearn.logs.synthetic.simulate import ORIGIN
+from navlearn.logs.synthetic.simulated_drive import SimulatedDrive
 
 DURATION = 100.0
 """s."""

@@ -1,6 +1,6 @@
 """Ranges of a simulated receiver: satellites, streets, errors and clock become a log's table."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -33,15 +33,24 @@ class SimulatedRanges:
     Attributes:
         table: Columns of :data:`navlearn.logs.columns.RANGES` but clocks and delays, which
             are corrected already.
-        ideal: The same without error; the receiver's clock stays.
         truth: The errors and the clock.
         gps_time_origin: What t = 0 of the drive is, GPS seconds since 6 January 1980.
     """
 
     table: pd.DataFrame
-    ideal: pd.DataFrame
     truth: RangeTruth
     gps_time_origin: float
+
+    def without_errors(self) -> "SimulatedRanges":
+        """Return the same satellites without error; the receiver's clock stays."""
+        known = self.truth.table
+        exact = self.table.assign(
+            pseudorange=self.table["pseudorange"] - known["range_error"],
+            range_rate=self.table["range_rate"] - known["rate_error"],
+        )
+        parts = [name for name in COLUMNS if name in (*RangeErrors._fields, "range_error")]
+        none = dict.fromkeys((*parts, "rate_error"), 0.0)
+        return replace(self, table=exact, truth=RangeTruth(table=known.assign(**none)))
 
 
 class _Sky(NamedTuple):
@@ -112,7 +121,6 @@ def simulated_ranges(
     table = _text(pd.DataFrame(columns))
     return SimulatedRanges(
         table=table,
-        ideal=table.assign(pseudorange=true_range, range_rate=true_rate),
         truth=RangeTruth(table=_text(pd.DataFrame(known))[list(COLUMNS)]),
         gps_time_origin=origin,
     )

@@ -9,7 +9,8 @@ from pathlib import Path
 
 from navlearn.logs.drive_log import DriveLog
 from navlearn.logs.formats.native import save_log
-from navlearn.logs.synthetic.simulate import SimulatedDrive, simulate_drive
+from navlearn.logs.synthetic.simulate import simulate_drive
+from navlearn.logs.synthetic.simulated_drive import SimulatedDrive
 
 SEED = 5
 DURATION = 1980.0

@@ -6,30 +6,28 @@ the figures of a sensor grade. What such a log can tell is how an IMU coasts and
 model helps, not how a real receiver fails among houses.
 """
 
-import math
 from dataclasses import asdict, replace
 
 import numpy as np
 import pandas as pd
 
-from navlearn.errors import ConfigError, LogError
+from navlearn.errors import ConfigError
 from navlearn.logs.assemble import without_rows
-from navlearn.logs.columns import REFERENCE
 from navlearn.logs.drive_log import DriveLog, LogMetadata
-from navlearn.logs.interval_means import typical_period
-from navlearn.logs.reference import reference_at
 from navlearn.logs.synthetic.aiding import fix_table, odometer_table
 from navlearn.logs.synthetic.draws import Array
 from navlearn.logs.synthetic.figures import GnssGrade, OdometerGrade
 from navlearn.logs.synthetic.grades import find_grade
-from navlearn.logs.synthetic.inverse import Truth
-from navlearn.logs.synthetic.motion import Kinematics
+from navlearn.logs.synthetic.reference_motion import (
+    place_at,
+    reference_stamps,
+    reference_truth,
+    required_reference,
+)
 
 STANDING = 0.05
 """Slower than this the car stands and its wheels do not turn, m/s."""
 
-_LONGEST = 2.5
-_ANGLES = ("azimuth", "pitch", "roll")
 _MADE = ("fixes", "odometer")
 
 
@@ -70,15 +68,15 @@ def with_aiding_from_reference(
     _check(seed, fix_rate_hz=fix_rate_hz, odometer_rate_hz=odometer_rate_hz)
     receiver = find_grade(gnss).gnss if isinstance(gnss, str) else gnss
     wheels = find_grade(odometer).odometer if isinstance(odometer, str) else odometer
-    reference = _required(log, angles=any(lever_arm))
-    stamps = _stamps(reference, fix_rate_hz, receiver.latency)
-    truth = _truth(log, stamps - receiver.latency, arm=any(lever_arm))
+    reference = required_reference(log, "aiding is", angles=any(lever_arm))
+    stamps = reference_stamps(reference, fix_rate_hz, receiver.latency)
+    truth = reference_truth(log, stamps - receiver.latency, arm=any(lever_arm))
     fixes = fix_table(stamps, truth, grade=receiver, lever_arm=lever_arm, seed=seed)
     lacking = [name for name in ("height", "v_u") if name not in reference]
     speeds = without_rows("odometer")
     if wheels is not None:
-        stamps = _stamps(reference, odometer_rate_hz, wheels.latency)
-        speed = _forward_speed(_at(log, stamps - wheels.latency))
+        stamps = reference_stamps(reference, odometer_rate_hz, wheels.latency)
+        speed = _forward_speed(place_at(log, stamps - wheels.latency))
         speeds = odometer_table(stamps, speed, grade=wheels, seed=seed)
     stated = {
         "seed": seed,
@@ -101,62 +99,6 @@ def _check(seed: int, **rates: float) -> None:
     for name, value in rates.items():
         if not 0.0 < value <= 1000.0:
             raise ConfigError(f"{name}: found {value}, expected a rate above 0 and up to 1000 Hz")
-
-
-def _required(log: DriveLog, *, angles: bool) -> pd.DataFrame:
-    reference = log.reference if log.reference is not None else pd.DataFrame()
-    needed = ("lat", "lon", "v_e", "v_n", *(_ANGLES if angles else ()))
-    missing = [name for name in needed if name not in reference]
-    if missing:
-        found = ", ".join(map(str, reference.columns)) or "no reference"
-        raise LogError(
-            f"{log.metadata.name}: reference: no {', '.join(missing)}, which aiding is made from"
-            f"{' with a lever arm' if angles else ''} (found: {found}); choose a log whose "
-            "reference has them"
-        )
-    return reference
-
-
-def _stamps(reference: pd.DataFrame, rate_hz: float, latency: float) -> Array:
-    t = reference["t"].to_numpy(np.float64)
-    begin = math.ceil((float(t[0]) + latency) * rate_hz - 1e-9)
-    end = math.floor((float(t[-1]) + latency) * rate_hz + 1e-9)
-    return np.arange(begin, end + 1) / rate_hz
-
-
-def _at(log: DriveLog, t: Array) -> pd.DataFrame:
-    known = log.tables()["reference"]["t"].to_numpy(np.float64)
-    found = reference_at(log, t, max_gap=_LONGEST * typical_period(known))
-    lacking = dict.fromkeys((name for name in REFERENCE if name not in found), np.nan)
-    return found.assign(**lacking)
-
-
-def _truth(log: DriveLog, t: Array, *, arm: bool) -> Truth:
-    place = _at(log, t)
-    columns = {name: place[name].to_numpy(np.float64, copy=True) for name in REFERENCE}
-    v_l = np.stack([columns[name] for name in ("v_e", "v_n", "v_u")], axis=-1)
-    still = np.zeros(t.size)
-    kinematics = Kinematics(*(still for _ in Kinematics._fields))
-    if arm:
-        step = 0.5 * typical_period(log.tables()["reference"]["t"].to_numpy(np.float64))
-        before, after = _at(log, t - step), _at(log, t + step)
-        turned = {n: _wrapped((after[n] - before[n]).to_numpy(np.float64)) for n in _ANGLES}
-        kinematics = kinematics._replace(
-            **{name: columns[name] for name in _ANGLES},
-            **{f"{name}_rate": change / (2.0 * step) for name, change in turned.items()},
-        )
-    return Truth(
-        t=t,
-        lat=columns["lat"],
-        lon=columns["lon"],
-        height=columns["height"] if "height" in log.tables()["reference"] else still,
-        v_l=v_l,
-        kinematics=kinematics,
-    )
-
-
-def _wrapped(angle: Array) -> Array:
-    return np.mod(angle + np.pi, 2.0 * np.pi) - np.pi
 
 
 def _forward_speed(place: pd.DataFrame) -> Array:

@@ -8,14 +8,11 @@ import pandas as pd
 
 from navlearn.errors import ConfigError
 from navlearn.logs.drive_log import DriveLog, LogMetadata
-from navlearn.logs.range_truth import RangeTruth
-from navlearn.logs.sensor_truth import SensorTruth
 from navlearn.logs.synthetic.aiding import fix_table, odometer_table, reference_table
 from navlearn.logs.synthetic.draws import Array
 from navlearn.logs.synthetic.figures import SensorGrade
 from navlearn.logs.synthetic.grades import find_grade
 from navlearn.logs.synthetic.inertial_errors import (
-    AxisErrors,
     accelerometer_errors,
     gyro_errors,
     warming,
@@ -36,50 +33,13 @@ from navlearn.logs.synthetic.log_parts import (
 )
 from navlearn.logs.synthetic.motion import Motion
 from navlearn.logs.synthetic.profile import draw_motion
-from navlearn.logs.synthetic.ranges import CORRECTIONS, SimulatedRanges, simulated_ranges
+from navlearn.logs.synthetic.ranged_log import with_ranges
+from navlearn.logs.synthetic.ranges import SimulatedRanges, simulated_ranges
 from navlearn.logs.synthetic.satellite_options import SatelliteOptions, find_satellites
+from navlearn.logs.synthetic.simulated_drive import SimulatedDrive
 
 ORIGIN = (math.radians(44.23), math.radians(-76.49), 60.0)
 """Where drives start unless said otherwise: latitude (rad), longitude (rad), height (m)."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class SimulatedDrive:
-    """A simulated drive with what only a simulation knows; N IMU samples.
-
-    Attributes:
-        log: What the sensors read; its reference is the truth.
-        ideal: The same drive with error-free sensors at the same stamps, without latency.
-        gyro_errors: Parts of the z gyro's error and their coefficients.
-        motion: The drive itself; None where the truth came from forces and rates.
-        grade: The sensors' figures.
-        seed: Seed of every draw.
-        range_truth: True errors of the log's ranges and its receiver's clock; None where it has
-            no ranges.
-    """
-
-    log: DriveLog
-    ideal: DriveLog
-    gyro_errors: AxisErrors
-    motion: Motion | None
-    grade: SensorGrade
-    seed: int
-    range_truth: RangeTruth | None = None
-
-    @property
-    def gyro_deterministic_error(self) -> Array:
-        """Deterministic part of the z gyro's error, turn-on bias included, rad/s, shape (N,)."""
-        return self.gyro_errors.deterministic_total()
-
-    @property
-    def sensor_truth(self) -> SensorTruth:
-        """What an oracle may know of the z gyro."""
-        return SensorTruth(
-            t=self.log.imu["t"].to_numpy(np.float64),
-            yaw_rate=self.ideal.imu["gyro_z"].to_numpy(np.float64),
-            gyro_error=self.gyro_errors.deterministic_total(),
-            gyro_drift=self.gyro_errors.drift(),
-        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -242,27 +202,13 @@ def simulate_drive(
 
 def _with_ranges(drive: SimulatedDrive, scene: _Scene, options: SatelliteOptions) -> SimulatedDrive:
     made = scene.ranges(drive.grade, drive.grade, options)
-    prompt = scene.ranges(find_grade("ideal"), drive.grade, options)
+    exact = scene.ranges(find_grade("ideal"), drive.grade, options).without_errors()
     return replace(
         drive,
-        log=with_ranges(drive.log, made.table, made.gps_time_origin),
-        ideal=with_ranges(drive.ideal, prompt.ideal, made.gps_time_origin),
+        log=with_ranges(drive.log, made, options=options),
+        ideal=with_ranges(drive.ideal, exact, options=replace(options, fixes="drawn")),
         range_truth=made.truth,
     )
-
-
-def with_ranges(log: DriveLog, table: pd.DataFrame, gps_time_origin: float) -> DriveLog:
-    """Return a log with simulated ranges.
-
-    Args:
-        log: The log.
-        table: Columns of :data:`navlearn.logs.columns.RANGES`.
-        gps_time_origin: What t = 0 is, GPS seconds since 6 January 1980.
-    """
-    about = replace(
-        log.metadata, range_corrections=CORRECTIONS, klobuchar=(), gps_time_origin=gps_time_origin
-    )
-    return replace(log, ranges=table, metadata=about)
 
 
 def _origin(asked: tuple[float, float, float] | None, motion: Motion) -> tuple[float, float, float]:

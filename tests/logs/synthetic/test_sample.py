@@ -16,7 +16,8 @@ from navlearn.logs.synthetic.sample import (
     rounded,
     sample_drive,
 )
-from navlearn.logs.synthetic.simulate import SimulatedDrive, simulate_drive
+from navlearn.logs.synthetic.simulate import simulate_drive
+from navlearn.logs.synthetic.simulated_drive import SimulatedDrive
 
 DATASETS = Path(__file__).resolve().parents[3] / "datasets"
 
