@@ -20,11 +20,14 @@ from navlearn.logs.formats.epochs import clock_from_epochs
 from navlearn.logs.formats.finding import listing
 from navlearn.logs.formats.nmea import read_nmea
 from navlearn.logs.formats.receiver import on_the_logs_clock, refuse_other_clock
+from navlearn.logs.formats.satellite_names import joined_names, satellite_names
+from navlearn.logs.formats.rinex import RinexRanges, read_rinex
 from navlearn.logs.formats.ubx import read_ubx
 from navlearn.logs.local_positions import LOCAL, geodetic_table
 from navlearn.logs.nearest import nearest_hint
 from navlearn.logs.table_layout import Column, Table
 from navlearn.logs.units import factor_to_si, split_suffix
+from navlearn.logs.validate import TEXTS
 
 ENDINGS: Final = (".csv", ".csv.gz", ".parquet")
 RECEIVER_ENDINGS: Final = (".nmea", ".nmea.gz", ".ubx", ".ubx.gz")
@@ -62,21 +65,28 @@ def read_csv_tables(folder: Path, descriptor: Descriptor) -> Published:
     layout = descriptor.tables or _usual_tables(folder)
     tables: dict[str, pd.DataFrame] = {}
     receiver: dict[str, object] = {}
+    rinex: RinexRanges | None = None
     for name, table in layout.items():
-        if table.kind == "table":
+        if name == "ranges" and table.kind == "rinex":
+            rinex = _rinex(folder, table)
+            tables[name], receiver[name] = rinex.table, dict(rinex.notes)
+        elif table.kind == "table":
             frame = _read(folder, name, table)
             tables[name] = geodetic_table(table.file, frame, descriptor.origin)
         else:
             tables[name], notes = _receivers(folder, name, table, descriptor)
             receiver[name] = dict(notes)
-    if "fixes" in receiver and "imu" in tables:
-        refuse_other_clock(layout["fixes"].file, tables["fixes"], tables["imu"])
+    for name, table in layout.items():
+        if name in receiver and "imu" in tables:
+            refuse_other_clock(table.file, name, tables[name], tables["imu"])
     return Published(
         tables=tables,
         files={str(name): table.file for name, table in layout.items()},
         source=f"csv: {folder}",
         interval_means=tuple(n for n, table in layout.items() if table.sampling == "interval"),
         extra={"receiver": receiver} if receiver else {},
+        klobuchar=() if rinex is None else rinex.klobuchar,
+        gps_time_origin=None if rinex is None else rinex.gps_time_origin,
     )
 
 
@@ -124,8 +134,9 @@ def read_frame(path: Path) -> pd.DataFrame:
 def _usual_tables(folder: Path) -> dict[str, Table]:
     found = {name: table_file(folder, name) for name in TABLES}
     for name in ("imu", "fixes"):
-        # Fixes can be made from a reference; a full IMU does without an odometer.
-        if found[name] is None and (name == "imu" or found["reference"] is None):
+        # Fixes can be made from a reference or from ranges; a full IMU does without an odometer.
+        others = [found[other] for other in ("reference", "ranges")]
+        if found[name] is None and (name == "imu" or others == [None, None]):
             stems = " or ".join(f"{stem}{ending}" for stem in STEMS[name] for ending in ENDINGS)
             raise LogNotFoundError(
                 f"{folder}: no table {name} (looked for {stems}); found {listing(folder)}"
@@ -134,7 +145,7 @@ def _usual_tables(folder: Path) -> dict[str, Table]:
 
 
 def _read(folder: Path, name: str, layout: Table) -> pd.DataFrame:
-    path = _existing(folder, layout)
+    path = _existing(folder, layout.file)
     frame = read_frame(path)
     if layout.columns is None:
         return _by_name(path.name, name, frame)
@@ -148,6 +159,8 @@ def _read(folder: Path, name: str, layout: Table) -> pd.DataFrame:
                 f"{', '.join(known)}"
             )
         result[canonical] = _taken(path.name, frame, canonical, source)
+    if layout.satellite is not None:
+        result["satellite"] = joined_names(path.name, frame, layout.satellite)
     if layout.velocity is not None:
         speed = _taken(path.name, frame, "speed", layout.velocity.speed)
         course = _taken(path.name, frame, "course", layout.velocity.course)
@@ -155,12 +168,28 @@ def _read(folder: Path, name: str, layout: Table) -> pd.DataFrame:
     return _on_epochs(path.name, frame, pd.DataFrame(result), layout.epoch)
 
 
+def _rinex(folder: Path, layout: Table) -> RinexRanges:
+    if not layout.navigation:
+        raise ConfigError(
+            "tables.ranges: a RINEX file of ranges tells no orbits; state navigation: the file, or "
+            "files, of what the satellites broadcast"
+        )
+    names = (layout.navigation,) if isinstance(layout.navigation, str) else layout.navigation
+    return read_rinex(
+        _existing(folder, layout.file),
+        [_existing(folder, name) for name in names],
+        codes={str(letter): codes for letter, codes in (layout.codes or {}).items()},
+        clock_start=layout.clock_start,
+    )
+
+
 def _receivers(
     folder: Path, name: str, layout: Table, descriptor: Descriptor
 ) -> tuple[pd.DataFrame, Mapping[str, object]]:
-    if name != "fixes":
-        raise ConfigError(f"tables.{name}: a receiver's file ({layout.kind}) gives fixes alone")
-    path = _existing(folder, layout)
+    if name != "fixes" or layout.kind == "rinex":
+        gives = "ranges" if layout.kind == "rinex" else "fixes"
+        raise ConfigError(f"tables.{name}: a receiver's file ({layout.kind}) gives {gives} alone")
+    path = _existing(folder, layout.file)
     if layout.kind == "ubx":
         found = read_ubx(path)
     else:
@@ -178,8 +207,8 @@ def _on_epochs(
     return table.assign(t=t).drop(columns="epoch")
 
 
-def _existing(folder: Path, layout: Table) -> Path:
-    path = folder / layout.file
+def _existing(folder: Path, name: str) -> Path:
+    path = folder / name
     if not path.is_file():
         raise LogNotFoundError(f"{path}: no such file; the folder holds {_near(path.parent)}")
     return path
@@ -196,6 +225,8 @@ def _taken(file: str, frame: pd.DataFrame, canonical: str, source: Column) -> pd
             f"{file}: no column {source.column}{hint}, which the descriptor names for "
             f"{canonical}; found {', '.join(map(str, frame.columns))}"
         )
+    if canonical in TEXTS:
+        return satellite_names(file, frame[source.column])
     factor = source.scale * (factor_to_si(source.unit, canonical) if source.unit else 1.0)
     values = _scaled(file, frame[source.column], factor)
     return values + source.offset if source.offset != 0.0 else values
@@ -208,7 +239,9 @@ def _by_name(file: str, name: str, frame: pd.DataFrame) -> pd.DataFrame:
         split = None if found in known else split_suffix(found, known)
         if split is None:
             # Texts under a name of the file's own are its affair; numbers may be of use.
-            if found in known or pd.api.types.is_numeric_dtype(frame[found]):
+            if found in TEXTS:
+                result[found] = satellite_names(file, frame[found])
+            elif found in known or pd.api.types.is_numeric_dtype(frame[found]):
                 result[found] = frame[found]
         elif split[0] in frame or split[0] in result:
             raise LogError(f"{file}: {split[0]} is there twice, also as {found}; remove one")

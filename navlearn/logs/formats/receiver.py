@@ -74,12 +74,13 @@ def on_the_logs_clock(receiver: ReceiverLog, layout: Table) -> pd.DataFrame:
     return receiver.fixes.assign(t=t - start)
 
 
-def refuse_other_clock(file: str, fixes: pd.DataFrame, imu: pd.DataFrame) -> None:
-    """Refuse fixes of which none lies within the time of the inertial samples.
+def refuse_other_clock(file: str, name: str, found: pd.DataFrame, imu: pd.DataFrame) -> None:
+    """Refuse fixes or ranges of which none lies within the time of the inertial samples.
 
     Args:
-        file: File of the fixes, for the message.
-        fixes: Fixes on the log's clock.
+        file: File of the receiver, for the message.
+        name: Table that it gave, for the message.
+        found: What it gave, on the log's clock.
         imu: Inertial samples.
 
     Raises:
@@ -87,14 +88,14 @@ def refuse_other_clock(file: str, fixes: pd.DataFrame, imu: pd.DataFrame) -> Non
     """
     # What is no time at all is left to the check of the table.
     t = pd.to_numeric(imu["t"], errors="coerce").dropna() if "t" in imu else pd.Series(dtype=float)
-    if fixes.empty or t.empty:
+    if found.empty or t.empty:
         return
-    first, last = float(fixes["t"].min()), float(fixes["t"].max())
+    first, last = float(found["t"].min()), float(found["t"].max())
     begin, end = float(t.min()), float(t.max())
     if first <= end and begin <= last:
         return
     raise LogError(
-        f"{file}: fixes from {_told(first)} to {_told(last)}, IMU from {_told(begin)} to "
+        f"{file}: {name} from {_told(first)} to {_told(last)}, IMU from {_told(begin)} to "
         f"{_told(end)}: no time in common; state clock_start of the table: the UTC at which the "
         "IMU's clock read zero (left out where it counts UTC seconds since 1970)"
     )

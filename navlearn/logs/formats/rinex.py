@@ -5,7 +5,6 @@ moment. Ionosphere, troposphere and rotation of the Earth are left to whoever kn
 is (:mod:`navlearn.logs.range_tensors`); the broadcast ionosphere goes along.
 """
 
-import re
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -24,11 +23,6 @@ from navlearn.logs.formats.rinex_navigation import Navigation, read_navigation
 from navlearn.logs.formats.rinex_observations import WEEK, Observations, read_observations
 from navlearn.logs.formats.rinex_orbits import UNHEALTHY, VALID_FOR, Sent, satellites_when_sent
 from navlearn.logs.interval_means import FloatArray
-
-OBSERVATION_ENDING: Final = re.compile(
-    r"\.(\d\d[od]|obs|rnx|crx)(\.(gz|bz2|zip|z))?$", re.IGNORECASE
-)
-"""How names of observation files end."""
 
 _EPOCH: Final = datetime(1980, 1, 6, tzinfo=UTC)
 
