@@ -1,18 +1,14 @@
-"""A linear Kalman filter parallel in time.
+"""A linear Kalman filter parallel in time, for measurements in rows.
 
-Särkkä and García-Fernández 2021, Temporal parallelization of Bayesian smoothers, §IV: a stretch
-of steps is summed up as an element (what the stretch says of its start, and what it makes of it),
-and elements compose. Here the stretches are chunks of about √K steps: all chunks are summed up
-side by side, the few sums are composed one after another, and all chunks are then filtered side
-by side from their right starts. That is 2√K + K/√K short vectorised steps instead of K.
+:func:`filter_in_turn` is the textbook; the chunks are those of :mod:`navlearn.filters.chunks`.
 """
 
-import math
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
+from navlearn.filters.chunks import Element, Filtered, filter_chunks
 from navlearn.filters.ekf import (
     gain_of_projected,
     joseph,
@@ -21,9 +17,6 @@ from navlearn.filters.ekf import (
     propagated,
     symmetrized,
 )
-
-WIDE = 16
-"""Batch from which one step after another is faster than summing up chunks first."""
 
 
 class LinearSteps(NamedTuple):
@@ -44,32 +37,6 @@ class LinearSteps(NamedTuple):
     observation: Tensor
     variance: Tensor
     measurement: Tensor
-
-
-class Filtered(NamedTuple):
-    """Means and covariances of all steps.
-
-    Attributes:
-        prior_mean: Before the update, shape (..., K, n).
-        prior_covariance: Before the update, shape (..., K, n, n).
-        mean: After the update, shape (..., K, n).
-        covariance: After the update, shape (..., K, n, n).
-    """
-
-    prior_mean: Tensor
-    prior_covariance: Tensor
-    mean: Tensor
-    covariance: Tensor
-
-
-class _Element(NamedTuple):
-    """A chunk summed up: end = A start + b + N(0, C), and of the start η, J (information)."""
-
-    A: Tensor
-    b: Tensor
-    C: Tensor
-    eta: Tensor
-    J: Tensor
 
 
 def _times(matrix: Tensor, vector: Tensor) -> Tensor:
@@ -115,29 +82,7 @@ def filter_in_parallel(
     Returns:
         Means and covariances.
     """
-    count = steps.shift.shape[-2]
-    wide = mean.numel() // mean.shape[-1] >= WIDE
-    size = chunk or (count if wide else max(1, round(math.sqrt(count))))
-    chunks = -(-count // size)
-    if chunks == 1:
-        return _filtered(mean, covariance, steps)
-    laid = _in_chunks(steps, size, chunks)
-    along = laid.shift.dim() - 3
-    sums = _summed(LinearSteps(*(x.narrow(along, 0, chunks - 1) for x in laid)))
-    means, covariances = [mean], [covariance]
-    for element in zip(
-        sums.A.unbind(-3),
-        sums.b.unbind(-2),
-        sums.C.unbind(-3),
-        sums.eta.unbind(-2),
-        sums.J.unbind(-3),
-        strict=True,
-    ):
-        mean, covariance = _through(mean, covariance, _Element(*element))
-        means.append(mean)
-        covariances.append(covariance)
-    done = _filtered(torch.stack(means, -2), torch.stack(covariances, -3), laid)
-    return Filtered(*(x.flatten(along, along + 1).narrow(along, 0, count) for x in done))
+    return filter_chunks(mean, covariance, steps, chunk, _summed, _filtered)
 
 
 def _filtered(mean: Tensor, covariance: Tensor, steps: LinearSteps) -> Filtered:
@@ -174,43 +119,7 @@ def _in_turn(steps: LinearSteps) -> zip:  # type: ignore[type-arg]
     )
 
 
-def _in_chunks(steps: LinearSteps, size: int, chunks: int) -> LinearSteps:
-    count = steps.shift.shape[-2]
-    missing = size * chunks - count
-    n = steps.shift.shape[-1]
-
-    def vector(x: Tensor, fill: float) -> Tensor:
-        return _split(_pad(x, (0, 0, 0, missing), fill), -2, size)
-
-    def matrix(x: Tensor) -> Tensor:
-        return _split(_pad(x, (0, 0, 0, 0, 0, missing), 0.0), -3, size)
-
-    transition = steps.transition
-    if missing > 0:
-        eye = torch.eye(n, dtype=transition.dtype, device=transition.device)
-        more = eye.expand(*transition.shape[:-3], missing, n, n)
-        transition = torch.cat((transition, more), -3)
-    return LinearSteps(
-        _split(transition, -3, size),
-        vector(steps.shift, 0.0),
-        matrix(steps.noise),
-        matrix(steps.observation),
-        vector(steps.variance, 1.0),
-        vector(steps.measurement, 0.0),
-    )
-
-
-def _split(x: Tensor, dim: int, size: int) -> Tensor:
-    shape = list(x.shape)
-    shape[dim : dim + 1 or None] = [shape[dim] // size, size]
-    return x.reshape(shape)
-
-
-def _pad(x: Tensor, widths: tuple[int, ...], fill: float) -> Tensor:
-    return torch.nn.functional.pad(x, widths, value=fill)
-
-
-def _summed(steps: LinearSteps) -> _Element:
+def _summed(steps: LinearSteps) -> Element:
     """Sum up each chunk: a filter that knows its start exactly, and what it learns of it."""
     batch, n = steps.shift.shape[:-2], steps.shift.shape[-1]
     A = torch.eye(n, dtype=steps.shift.dtype, device=steps.shift.device).expand(*batch, n, n)
@@ -236,15 +145,4 @@ def _summed(steps: LinearSteps) -> _Element:
         own = own - gain @ seen
         C = joseph_of_reduced(own[..., n + 1 :], H, R, gain)
         own = torch.cat((own[..., : n + 1], C), -1)
-    return _Element(own[..., :n], own[..., n], own[..., n + 1 :], eta, symmetrized(J))
-
-
-def _through(mean: Tensor, covariance: Tensor, e: _Element) -> tuple[Tensor, Tensor]:
-    """Carry a belief through a chunk that has been summed up."""
-    n = mean.shape[-1]
-    eye = torch.eye(n, dtype=mean.dtype, device=mean.device)
-    right = torch.cat(((mean + _times(covariance, e.eta)).unsqueeze(-1), covariance), -1)
-    start = torch.linalg.solve(eye + covariance @ e.J, right)
-    after = e.A @ start
-    P = after[..., 1:] @ e.A.transpose(-1, -2) + e.C
-    return after[..., 0] + e.b, symmetrized(P)
+    return Element(own[..., :n], own[..., n], own[..., n + 1 :], eta, symmetrized(J))

@@ -13,8 +13,9 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from navlearn.filters.chunks import Filtered
 from navlearn.filters.ekf import propagated, symmetrized
-from navlearn.filters.scan import Filtered, LinearSteps
+from navlearn.filters.scan import LinearSteps
 
 RIDGE = 1e-12
 """Added to the predicted correlation matrix, which is singular where a state has no noise."""
