@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -13,6 +14,7 @@ from navlearn.logs.clock import (
     section,
     without_backsteps,
     without_latency,
+    without_repeats,
 )
 from navlearn.logs.columns import REQUIRED, TABLES
 from navlearn.logs.descriptor import Descriptor
@@ -76,7 +78,7 @@ def assemble(published: Published, descriptor: Descriptor) -> DriveLog:
         tables.setdefault(name, without_rows(name))
     if descriptor.on_backstep == "drop":
         tables = {
-            name: table if name == "ranges" else without_backsteps(table)
+            name: without_repeats(table) if name == "ranges" else without_backsteps(table)
             for name, table in tables.items()
         }
     tables["imu"] = turned(tables["imu"], descriptor.body_from_sensor(published.axes))
@@ -166,10 +168,17 @@ def _metadata(published: Published, descriptor: Descriptor) -> LogMetadata:
         interval_means=published.interval_means,
         sensors=dict(descriptor.sensors),
         extra={"files": dict(published.files), **_removed(descriptor), **published.extra},
-        range_corrections=published.range_corrections,
-        klobuchar=published.klobuchar,
-        gps_time_origin=published.gps_time_origin,
+        **_of_ranges(published, descriptor),
     )
+
+
+def _of_ranges(published: Published, descriptor: Descriptor) -> dict[str, Any]:
+    """Return what the descriptor says of raw ranges, and where it says nothing the format."""
+    names = ("range_corrections", "klobuchar", "gps_time_origin")
+    stated = {name: getattr(descriptor, name) for name in names}
+    return {
+        name: getattr(published, name) if value is None else value for name, value in stated.items()
+    }
 
 
 def _removed(descriptor: Descriptor) -> dict[str, object]:

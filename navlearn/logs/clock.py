@@ -79,6 +79,20 @@ def without_backsteps(table: pd.DataFrame) -> pd.DataFrame:
     return table.iloc[np.flatnonzero((t > latest) | np.isnan(t))].reset_index(drop=True)
 
 
+def without_repeats(ranges: pd.DataFrame) -> pd.DataFrame:
+    """Return the ranges of receptions that do not step back, each satellite's first in each.
+
+    Args:
+        ranges: Table with columns ``t``, s, and ``satellite``.
+    """
+    t = ranges["t"].to_numpy(np.float64)
+    late = t >= np.fmax.accumulate(t) if t.size else np.zeros(0, dtype=np.bool_)
+    kept = ranges.iloc[np.flatnonzero(late | np.isnan(t))]
+    if "satellite" in kept:
+        kept = kept.drop_duplicates(["t", "satellite"])
+    return kept.reset_index(drop=True)
+
+
 def _origin(log: DriveLog) -> float:
     return min(float(table["t"].iloc[0]) for table in log.tables().values() if len(table))
 

@@ -24,6 +24,7 @@ from navlearn.logs.table_layout import (
     Latency,
     Origin,
     ReferenceLatency,
+    SatelliteName,
     SpeedAndCourse,
     Strict,
     Table,
@@ -33,10 +34,14 @@ FORMAT_ALIASES: Final = {"navlearn": "native"}
 """Other names of formats: navlearn's own is also called by its name."""
 
 FormatName = Annotated[
-    Literal["navinst", "canedge", "kitti", "comma2k19", "sensorlogger", "csv", "native"],
+    Literal[
+        "navinst", "canedge", "kitti", "comma2k19", "sensorlogger", "smartloc", "csv", "native"
+    ],
     BeforeValidator(lambda name: FORMAT_ALIASES.get(name, name) if isinstance(name, str) else name),
 ]
 TableName = Literal["imu", "odometer", "fixes", "reference", "ranges"]
+Correction = Literal["satellite_clock", "ionosphere", "troposphere", "earth_rotation"]
+GpsSeconds = Annotated[float, Field(ge=0.0, le=1e10, allow_inf_nan=False)]
 Backstep = Literal["error", "drop"]
 Seconds = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 
@@ -90,6 +95,13 @@ class Descriptor(Strict):
         gnss_latency: How late fixes are stamped, s; removed on loading.
         odometer_latency: How late odometer samples are stamped, s; removed on loading.
         reference_latency: How late the reference is stamped, s; removed on loading.
+        range_corrections: What has already been done to the ranges, of
+            :data:`navlearn.logs.columns.RANGE_CORRECTIONS`; the format's own where left out.
+        klobuchar: Ionosphere as GPS broadcasts it, α₀ to α₃ and β₀ to β₃; the format's own where
+            left out.
+        gps_time_origin: What zero of the log's own clock was, GPS seconds since 6 January 1980
+            (604800 times the week where it counts seconds of week); the format's own where left
+            out.
         section_s: Part of the drive that is used: from and up to how many seconds after its
             first sample; null for its begin or end.
         on_backstep: ``error``, or ``drop`` rows that do not come later than all before them.
@@ -110,6 +122,9 @@ class Descriptor(Strict):
     gnss_latency: Latency = 0.0
     odometer_latency: Latency = 0.0
     reference_latency: ReferenceLatency = ReferenceLatency()
+    range_corrections: tuple[Correction, ...] | None = None
+    klobuchar: Annotated[tuple[Finite, ...], Field(min_length=8, max_length=8)] | None = None
+    gps_time_origin: GpsSeconds | None = None
     section_s: tuple[Seconds | None, Seconds | None] = (None, None)
     on_backstep: Backstep = "error"
     sensors: dict[str, str] = Field(default_factory=dict)
@@ -209,6 +224,7 @@ def _known_keys(location: tuple[int | str, ...]) -> list[str]:
             "mounting": Mounting,
             "Directions": Directions,
             "velocity": SpeedAndCourse,
+            "satellite": SatelliteName,
             "origin": Origin,
             "reference_latency": ReferenceLatency,
         }

@@ -21,6 +21,7 @@ from navlearn.logs.formats.kitti import oxts_folder, read_kitti
 from navlearn.logs.formats.native import HEADER, load_log
 from navlearn.logs.formats.navinst import read_navinst
 from navlearn.logs.formats.sensorlogger import is_sensorlogger, read_sensorlogger
+from navlearn.logs.formats.smartloc import is_smartloc, read_smartloc
 from navlearn.logs.nearest import nearest_hint
 from navlearn.logs.sensor_truth import SENSOR_TRUTH, SensorTruth, load_sensor_truth
 
@@ -30,6 +31,7 @@ _READERS: Final[dict[str, Callable[[Path, Descriptor], Published]]] = {
     "kitti": read_kitti,
     "comma2k19": read_comma2k19,
     "sensorlogger": read_sensorlogger,
+    "smartloc": read_smartloc,
     "csv": read_csv_tables,
 }
 FORMATS: Final = (*_READERS, "native")
@@ -101,6 +103,8 @@ def recognise_format(path: Path) -> str:
             return "native"
         if is_sensorlogger(path):
             return "sensorlogger"
+        if is_smartloc(path):
+            return "smartloc"
     elif next(path.rglob("INSPVA.mat"), None) or next(path.rglob("f_w_IMSseconds_dt.mat"), None):
         return "navinst"
     elif next(path.rglob("*.[mM][fF]4"), None):
@@ -111,6 +115,8 @@ def recognise_format(path: Path) -> str:
         return "comma2k19"
     elif is_sensorlogger(path):
         return "sensorlogger"
+    elif is_smartloc(path):
+        return "smartloc"
     elif _native_folder(path):
         return "native"
     elif _csv_folder(path):
@@ -119,8 +125,8 @@ def recognise_format(path: Path) -> str:
     raise LogError(
         f"{path}: no known log format; looked for INSPVA.mat (navinst), *.MF4 (canedge), "
         "oxts/timestamps.txt (kitti), processed_log/IMU (comma2k19), Gyroscope.csv and "
-        f"Location.csv (sensorlogger), {HEADER} (native) and imu.csv, imu.csv.gz or imu.parquet "
-        f"(csv); found {found}; for other layouts write a descriptor"
+        f"Location.csv (sensorlogger), *_Input.txt (smartloc), {HEADER} (native) and imu.csv, "
+        f"imu.csv.gz or imu.parquet (csv); found {found}; for other layouts write a descriptor"
     )
 
 

@@ -57,6 +57,13 @@ _SUFFIXES: Final[dict[str, str]] = {
 """Unit by the suffix of a column's name, as in ``lat_deg`` or ``gyro_z_deg_per_s``."""
 
 
+_SPEEDS: Final = ("speed", "std_v", "range_rate", "std_rate", "sat_clock_rate")
+_LENGTHS: Final = (
+    *("height", "east", "north", "up"),
+    *("pseudorange", "ionosphere", "troposphere"),
+)
+
+
 def kind_of(column: str) -> str:
     """Return the kind of quantity that a canonical column holds.
 
@@ -71,9 +78,9 @@ def kind_of(column: str) -> str:
         return "angular rate"
     if column.startswith("accel_"):
         return "acceleration"
-    if column == "speed" or column.startswith("v_") or column == "std_v":
+    if column in _SPEEDS or column.startswith(("v_", "sat_v")):
         return "speed"
-    if column in ("height", "east", "north", "up") or column.startswith("std_"):
+    if column in _LENGTHS or column.startswith(("std_", "sat_")):
         return "length"
     return "temperature" if column == "temperature" else "number"
 

@@ -25,6 +25,9 @@ def differences(log: DriveLog, other: DriveLog) -> dict[tuple[str, str], float]:
     for name, table in other.tables().items():
         for column in table:
             mine, theirs = log.tables()[name][column], table[column]
+            if column == "satellite":
+                assert (mine == theirs).all()
+                continue
             assert (mine.isna() == theirs.isna()).all()
             found[name, column] = float(np.nanmax(np.abs(mine - theirs)))
     return found
@@ -38,6 +41,8 @@ def test_kingston_equals_its_csv(data_folder):
     limits = {"t": 1e-9, "speed": 5.1e-6, "azimuth": 1e-8, "pitch": 1e-8, "roll": 1e-8}
     limits |= dict.fromkeys(("lat", "lon"), 1e-12) | dict.fromkeys(("v_e", "v_n", "v_u"), 5.1e-5)
     limits |= dict.fromkeys(("std_e", "std_n", "std_u"), 5.1e-4)
+    ranges = ("pseudorange", "range_rate", "ionosphere", "troposphere")
+    limits |= dict.fromkeys((*ranges, *(f"sat_{k}{x}" for k in ("", "v") for x in "xyz")), 5.1e-4)
     for (_, column), difference in found.items():
         assert difference <= limits.get(column, 5.1e-5), column
 
@@ -61,6 +66,7 @@ def test_kingston_without_a_descriptor(data_folder):
         "odometer": 2119,
         "fixes": 2119,
         "reference": 2118,
+        "ranges": 13891,
     }
     up = np.median(log.fixes["height"].to_numpy()[1:] - log.reference["height"].to_numpy())
     assert abs(up) < 1.0

@@ -20,8 +20,8 @@ from navlearn.logs.formats.epochs import clock_from_epochs
 from navlearn.logs.formats.finding import listing
 from navlearn.logs.formats.nmea import read_nmea
 from navlearn.logs.formats.receiver import on_the_logs_clock, refuse_other_clock
-from navlearn.logs.formats.satellite_names import joined_names, satellite_names
 from navlearn.logs.formats.rinex import RinexRanges, read_rinex
+from navlearn.logs.formats.satellite_names import joined_names, satellite_names
 from navlearn.logs.formats.ubx import read_ubx
 from navlearn.logs.local_positions import LOCAL, geodetic_table
 from navlearn.logs.nearest import nearest_hint
