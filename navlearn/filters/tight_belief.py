@@ -45,11 +45,22 @@ def map_tight_belief(
     Returns:
         Belief.
     """
-    mapped: TightBelief[AnyBelief] = _mapped(belief, function)
+    mapped: TightBelief[AnyBelief] = map_tree(belief, function)
     return mapped
 
 
-def _mapped(value: Any, function: Callable[[Tensor], Tensor]) -> Any:
-    if isinstance(value, Tensor):
-        return function(value)
-    return type(value)(*(_mapped(part, function) for part in value))
+def map_tree(tree: Any, function: Callable[[Tensor], Tensor]) -> Any:
+    """Return nested named tuples with a function applied to every tensor; the rest stays.
+
+    Args:
+        tree: Nested named tuples.
+        function: What to do with each tensor.
+
+    Returns:
+        The same nesting.
+    """
+    if isinstance(tree, Tensor):
+        return function(tree)
+    if isinstance(tree, tuple):
+        return type(tree)(*(map_tree(part, function) for part in tree))
+    return tree

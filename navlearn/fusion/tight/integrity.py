@@ -1,0 +1,256 @@
+"""Which satellites are believed, and when the clock or the position begins anew.
+
+At a reception, in this order:
+
+1. A bias or an offset between systems less certain than ``unknown_clock`` is set to the median of
+   the innovations that show it: what is unknown is no reason to refuse.
+2. Pseudoranges and range rates that agree neither with the prediction nor with each other are
+   refused, worst first (:mod:`navlearn.fusion.tight.agreement`). Most receptions end here. A
+   satellite is never reset for itself: one that is wild stays refused as long as it is.
+3. Where most pseudoranges are refused, the clock may have jumped: it is moved by the median of the
+   innovations, its bias begins anew, and all are judged again. This holds at once if that median is
+   more than ``smallest_jump`` and at least two satellites tell it; else, and for a single
+   satellite, after *patience*: most were refused in ``reset_after`` receptions before. The drift
+   begins anew likewise, where most range rates are refused and after patience; so does the offset
+   of a system, where most of its satellites are refused, each ``reset_after`` times before. It is
+   believed if more measurements agree then, most pseudoranges among them where the bias began anew.
+   Position is not touched: its covariance stays, and a clock that begins anew takes up what all
+   ranges share.
+4. Where that was not believed, after patience, and with at least ``least_satellites``, the filter
+   has drifted: position, clock, velocity states and azimuth begin anew, if that many pseudoranges
+   and most of all agree then. Range rates refused for as long open drift, velocity states and
+   azimuth alone.
+
+With three satellites and fewer, ranges alone never move a position by force.
+"""
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from navlearn.fusion.measurements import Verdict
+from navlearn.fusion.tight.agreement import agreement
+from navlearn.fusion.tight.anew import Anew, Flags, begun_anew, clock_set, told_by_clock
+from navlearn.fusion.tight.clock import BIAS, DRIFT
+from navlearn.fusion.tight.model import TightModel
+from navlearn.fusion.updates import Measured
+
+
+class RangesJudged(NamedTuple):
+    """What is believed of one reception.
+
+    Attributes:
+        nis: NIS of each measurement against the prediction, the clock set where it was unknown;
+            NaN where there is none, shape (..., 2 S).
+        verdict: Codes of :class:`navlearn.fusion.measurements.Verdict`, int64, shape (..., 2 S).
+        refused: Refusals afterwards, as in ``TightBelief``, shape (..., 2 S + 2).
+        anew: What is set and what begins anew.
+        reset: Whether position and clock begin anew, and whether the clock does and position does
+            not, bool, shape (..., 2).
+    """
+
+    nis: Tensor
+    verdict: Tensor
+    refused: Tensor
+    anew: Anew
+    reset: Tensor
+
+
+class Scene(NamedTuple):
+    """What a reception is judged by.
+
+    Attributes:
+        model: The filter.
+        found: What is measured, shape (...).
+        spread: Covariance of the innovations, R included, shape (..., 2 S, 2 S).
+        there: Whether something is measured, bool, shape (..., 2 S).
+    """
+
+    model: TightModel
+    found: Measured
+    spread: Tensor
+    there: Tensor
+
+
+class Hypothesis(NamedTuple):
+    """What may have begun anew, and what agrees if it has.
+
+    Attributes:
+        anew: What began anew.
+        accepted: What agrees, bool, shape (..., 2 S).
+    """
+
+    anew: Anew
+    accepted: Tensor
+
+
+def judged_ranges(
+    model: TightModel, found: Measured, covariance: Tensor, refused: Tensor
+) -> RangesJudged:
+    """Return what is believed of one reception.
+
+    Args:
+        model: The filter.
+        found: What is measured, shape (...).
+        covariance: P of error states and surprises before the update, shape (..., N, N).
+        refused: Refusals before, shape (..., 2 S + 2).
+
+    Returns:
+        Verdicts, and what begins anew.
+    """
+    scene, plain = plainly_judged(model, found, covariance)
+    return judged_with_patience(scene, plain, refused)
+
+
+def plainly_judged(
+    model: TightModel, found: Measured, covariance: Tensor
+) -> tuple[Scene, Hypothesis]:
+    """Return what agrees if nothing begins anew: rules 1 and 2, which remember nothing.
+
+    Args:
+        model: The filter.
+        found: What is measured, shape (...).
+        covariance: P of error states and surprises before the update, shape (..., N, N).
+
+    Returns:
+        What receptions are judged by, and what agrees.
+    """
+    there = found.present > 0.5
+    H = found.observation.detach()
+    spread = H @ covariance.detach() @ H.transpose(-1, -2)
+    spread = 0.5 * (spread + spread.transpose(-1, -2)) + torch.diag_embed(found.variance.detach())
+    variance = covariance.detach().diagonal(dim1=-2, dim2=-1)
+    scene = Scene(model, found, spread, there)
+    return scene, _supposed(scene, clock_set(model, found, variance, there))
+
+
+def judged_with_patience(scene: Scene, plain: Hypothesis, refused: Tensor) -> RangesJudged:
+    """Return what is believed of one reception: rules 3 and 4, which remember refusals.
+
+    Args:
+        scene: What it is judged by, shape (...).
+        plain: What agrees if nothing begins anew.
+        refused: Refusals before, shape (..., 2 S + 2).
+
+    Returns:
+        Verdicts, and what begins anew.
+    """
+    there, taken = scene.there, plain
+    reset = torch.zeros_like(there[..., :2])
+    if bool((there & ~plain.accepted).any()):
+        taken, reset = _best(scene, plain, refused)
+    left = scene.found.innovation - told_by_clock(scene.model, scene.found, plain.anew.shift)
+    nis = left * left / scene.spread.diagonal(dim1=-2, dim2=-1)
+    good = torch.where(reset.any(-1), int(Verdict.ACCEPTED_BY_RESET), int(Verdict.ACCEPTED))
+    verdict = torch.where(taken.accepted, good.unsqueeze(-1), int(Verdict.REFUSED_BY_GATE))
+    return RangesJudged(
+        torch.where(there, nis, torch.nan),
+        torch.where(there, verdict, int(Verdict.ABSENT)),
+        _counted(refused, there, taken.accepted),
+        taken.anew,
+        reset,
+    )
+
+
+def _supposed(scene: Scene, anew: Anew) -> Hypothesis:
+    """Return what agrees if something begins anew."""
+    model, found = scene.model, scene.found
+    left = found.innovation - told_by_clock(model, found, anew.shift)
+    H = found.observation.detach()
+    spread = scene.spread + (H * anew.variance.unsqueeze(-2)) @ H.transpose(-1, -2)
+    return Hypothesis(anew, agreement(left, spread, scene.there, model.limit).accepted)
+
+
+def _best(scene: Scene, plain: Hypothesis, refused: Tensor) -> tuple[Hypothesis, Tensor]:
+    """Return the hypothesis that is believed, and which of the two resets it is."""
+    there, gate = scene.there, scene.model.options.gate
+    patient = refused[..., -2:] >= gate.reset_after
+    lost = _most_refused(there, plain.accepted)
+    clock, believed = plain, torch.zeros_like(lost[..., 0])
+    flags = _clock_flags(scene, plain, lost, patient, refused)
+    if bool(flags.clock.any()):
+        anew = begun_anew(scene.model, scene.found, there, plain.anew, flags)
+        supposed = _supposed(scene, anew)
+        believed = _clock_believed(scene, plain, supposed, flags, patient)
+        clock = _chosen(believed, supposed, plain)
+    lost = _most_refused(there, clock.accepted) & patient & ~believed.unsqueeze(-1)
+    lost = lost & (_groups(there).sum(-1) >= gate.least_satellites)
+    if not bool(lost.any()):
+        return clock, torch.stack((torch.zeros_like(believed), believed), -1)
+    position, motion = lost[..., 0], lost.any(-1)
+    every = torch.ones_like(flags.clock) & position.unsqueeze(-1)
+    every[..., DRIFT] = motion
+    flags = Flags(every, motion, position)
+    supposed = _supposed(scene, begun_anew(scene.model, scene.found, there, plain.anew, flags))
+    fine = (_most_agree(there, supposed.accepted) | ~lost).all(-1)
+    enough = _groups(supposed.accepted).sum(-1)[..., 0] >= gate.least_satellites
+    moved = motion & fine & (enough | ~position) & _more(supposed, plain)
+    reset = torch.stack((moved & position, believed | (moved & ~position)), -1)
+    return _chosen(moved, supposed, clock), reset
+
+
+def _clock_flags(
+    scene: Scene, plain: Hypothesis, lost: Tensor, patient: Tensor, refused: Tensor
+) -> Flags:
+    """Return which clock states may have begun anew."""
+    model, there = scene.model, scene.there
+    count = there.shape[-1] // 2
+    seen, out = there[..., :count], (there & ~plain.accepted)[..., :count]
+    waited = refused[..., :count] >= model.options.gate.reset_after
+    flags = [lost[..., 0], (lost & patient)[..., 1]]
+    by_clock = scene.found.observation[..., :count, model.first_clock : model.size]
+    for j in range(DRIFT + 1, by_clock.shape[-1]):
+        own = by_clock[..., j] > 0.5
+        most = 2 * (out & own).sum(-1) > (seen & own).sum(-1)
+        flags.append(most & ~(out & own & ~waited).any(-1))
+    none = torch.zeros_like(lost[..., 0])
+    return Flags(torch.stack(flags, -1), none, none)
+
+
+def _clock_believed(
+    scene: Scene, plain: Hypothesis, supposed: Hypothesis, flags: Flags, patient: Tensor
+) -> Tensor:
+    """Return whether a clock that began anew is believed."""
+    agreed = _groups(supposed.accepted).sum(-1)[..., 0]
+    moved = (supposed.anew.shift - plain.anew.shift)[..., BIAS].detach().abs()
+    at_once = (agreed >= 2) & (moved > scene.model.options.gate.smallest_jump)
+    most = _most_agree(scene.there, supposed.accepted)[..., 0]
+    jumped = most & (at_once | patient[..., 0])
+    fine = jumped | ~flags.clock[..., BIAS]
+    return flags.clock.any(-1) & fine & _more(supposed, plain)
+
+
+def _more(supposed: Hypothesis, plain: Hypothesis) -> Tensor:
+    return supposed.accepted.sum(-1) > plain.accepted.sum(-1)
+
+
+def _chosen(where: Tensor, one: Hypothesis, other: Hypothesis) -> Hypothesis:
+    where = where.unsqueeze(-1)
+    anew = (torch.where(where, a, b) for a, b in zip(one.anew, other.anew, strict=True))
+    return Hypothesis(Anew(*anew), torch.where(where, one.accepted, other.accepted))
+
+
+def _groups(per_measurement: Tensor) -> Tensor:
+    """Return pseudoranges and range rates apart, shape (..., 2, S)."""
+    return per_measurement.reshape(*per_measurement.shape[:-1], 2, -1)
+
+
+def _most_refused(there: Tensor, accepted: Tensor) -> Tensor:
+    """Return whether most pseudoranges, and most range rates, are refused, shape (..., 2)."""
+    return 2 * _groups(there & ~accepted).sum(-1) > _groups(there).sum(-1)
+
+
+def _most_agree(there: Tensor, accepted: Tensor) -> Tensor:
+    """Return whether most pseudoranges, and most range rates, agree, shape (..., 2)."""
+    return 2 * _groups(accepted).sum(-1) > _groups(there).sum(-1)
+
+
+def _counted(refused: Tensor, there: Tensor, accepted: Tensor) -> Tensor:
+    """Return refusals after a reception; what is not measured keeps its count."""
+    single, group = refused[..., :-2], refused[..., -2:]
+    out = there & ~accepted
+    single = torch.where(out, single + 1.0, torch.where(there, 0.0, single))
+    most, any_there = _most_refused(there, accepted), _groups(there).any(-1)
+    group = torch.where(most, group + 1.0, torch.where(any_there, 0.0, group))
+    return torch.cat((single, group), -1)

@@ -1,0 +1,63 @@
+"""From the ends of blocks to a history of the tightly coupled filter."""
+
+from typing import Any
+
+import torch
+
+from navlearn.filters.tight_belief import TightBelief
+from navlearn.fusion.tight.history import TightHistory
+from navlearn.fusion.tight.model import TightModel
+from navlearn.fusion.tight.noise import TightNoise
+from navlearn.fusion.tight.ranges import measured_ranges
+from navlearn.fusion.tight.timeline import TightLine
+from navlearn.fusion.tight.update import TightEnded
+
+
+def tight_history(
+    model: TightModel,
+    start: TightBelief[Any],
+    line: TightLine,
+    record: TightEnded,
+    noise: TightNoise,
+    method: str,
+    passes: int,
+) -> TightHistory:
+    """Return the history of a run.
+
+    Args:
+        model: The filter.
+        start: Belief before the first sample, batch shape (B,).
+        line: The drives in blocks.
+        record: Every block's end, batch shape (B, K).
+        noise: Noise of ranges.
+        method: Form that computed it.
+        passes: Passes it took.
+
+    Returns:
+        History.
+    """
+    vehicle, after, reception = model.vehicle, record.belief, line.reception
+    antenna = vehicle.antenna(after.vehicle, vehicle.all_blocks(line.vehicle), reception.delay)
+    left = measured_ranges(antenna, after.clock, reception, noise)
+    count = reception.ranges.has_range.shape[-1]
+    residual = torch.where(left.present > 0.5, left.innovation, torch.nan)
+    blocks = line.vehicle.blocks
+    return TightHistory(
+        blocks.end,
+        blocks.fix,
+        record.prior,
+        after,
+        vehicle.path(start.vehicle, after.vehicle, line.vehicle),
+        record.innovation[..., :count],
+        record.innovation[..., count:],
+        residual[..., :count],
+        record.spread[..., :count],
+        record.judged.nis,
+        record.judged.verdict,
+        record.own_innovation,
+        record.own.nis,
+        record.own.verdict,
+        record.judged.reset.sum(1),
+        method,
+        passes,
+    )

@@ -1,0 +1,206 @@
+"""One reception: what the vehicle measures of itself and what ranges say, in one update."""
+
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+
+from navlearn.filters.ekf import projected, update
+from navlearn.filters.tight_belief import TightBelief
+from navlearn.fusion.gating import Judged, judged, nis_by_kind, taken
+from navlearn.fusion.measurements import Verdict
+from navlearn.fusion.tight.anew import told_by_clock
+from navlearn.fusion.tight.integrity import RangesJudged, judged_ranges
+from navlearn.fusion.tight.model import SURPRISES, TightModel
+from navlearn.fusion.tight.noise import TightNoise
+from navlearn.fusion.tight.ranges import measured_ranges, with_surprise
+from navlearn.fusion.tight.timeline import Reception
+from navlearn.fusion.updates import Measured
+
+
+class TightEnded(NamedTuple):
+    """One block's end, batch shape (B,).
+
+    Attributes:
+        prior: Belief before the update.
+        belief: Belief after it.
+        own_innovation: Innovation of what the vehicle measures of itself, shape (..., r).
+        own: What the gate said of that.
+        innovation: Innovation of pseudoranges, then of range rates, NaN for none, shape
+            (..., 2 S).
+        spread: Variance of these innovations, shape (..., 2 S).
+        judged: What was believed of the ranges.
+    """
+
+    prior: TightBelief[Any]
+    belief: TightBelief[Any]
+    own_innovation: Tensor
+    own: Judged
+    innovation: Tensor
+    spread: Tensor
+    judged: RangesJudged
+
+
+def updated(
+    model: TightModel,
+    prior: TightBelief[Any],
+    block: Any,
+    reception: Reception,
+    noise: TightNoise,
+) -> TightEnded:
+    """Update with all that is measured at the end of a block.
+
+    All innovations are against the prediction, and one update takes what is believed: what a
+    vehicle measures of itself does not sway the judgement of ranges, nor they its.
+
+    Args:
+        model: The filter.
+        prior: Prediction at the block's end, batch shape (...).
+        block: The vehicle's side of the block.
+        reception: What was received, batch shape (...).
+        noise: Noise of ranges.
+
+    Returns:
+        The record of this end, errors fed back in its belief.
+    """
+    vehicle = model.vehicle
+    antenna = vehicle.antenna(prior.vehicle, block, reception.delay)
+    found = measured_ranges(antenna, prior.clock, reception, noise)
+    covariance = with_surprise(prior.covariance, antenna)
+    ranges = judged_ranges(model, found, covariance, prior.refused)
+    own = vehicle.measured(prior.vehicle, block)
+    said = own_judged(model, own, prior, ranges)
+    variance = ranges.anew.variance
+    if bool((said.verdict == int(Verdict.ACCEPTED_BY_RESET)).any()):
+        opened = vehicle.opened(said.verdict, own, own.innovation)
+        variance = variance + torch.nn.functional.pad(
+            opened, (0, variance.shape[-1] - opened.shape[-1])
+        )
+    used = stacked_rows(model, found, ranges, own, said)
+    opened_up = covariance + torch.diag_embed(variance)
+    new = update(opened_up, used.observation, used.variance, used.innovation)
+    belief = fed_back(model, prior, new.correction, ranges.anew.shift, block)
+    belief = with_covariance(belief, new.covariance[..., : model.size, : model.size])
+    belief = belief._replace(
+        vehicle=belief.vehicle._replace(refused=said.refused), refused=ranges.refused
+    )
+    there = found.present > 0.5
+    spread = (found.observation @ covariance * found.observation).sum(-1) + found.variance
+    shown = vehicle.rows.spread(own.present) > 0.5
+    return TightEnded(
+        prior,
+        belief,
+        torch.where(shown, own.innovation, torch.nan),
+        said,
+        torch.where(there, found.innovation, torch.nan),
+        torch.where(there, spread, torch.nan),
+        ranges,
+    )
+
+
+def own_judged(
+    model: TightModel, own: Measured, prior: TightBelief[Any], ranges: RangesJudged
+) -> Judged:
+    """Return what is believed of what the vehicle measures of itself.
+
+    A vehicle whose kinds wait for an anchor finds it in as many ranges as tell a position: while
+    those are believed nothing resets for itself, and where position begins anew by them, only the
+    anchor's company is listened to.
+
+    Args:
+        model: The filter.
+        own: What the vehicle measures, shape (...).
+        prior: Prediction, batch shape (...).
+        ranges: What is believed of the ranges.
+
+    Returns:
+        Verdicts per kind.
+    """
+    vehicle, gate = model.vehicle, model.options.gate
+    n = model.first_clock
+    _, spread = projected(prior.covariance[..., :n, :n], own.observation)
+    nis = nis_by_kind(vehicle, own, own.innovation, spread)
+    refused = prior.vehicle.refused
+    if vehicle.anchor is None:
+        return judged(vehicle, nis, own.present, refused)
+    fine = ranges.verdict[..., : ranges.verdict.shape[-1] // 2]
+    fine = (fine == int(Verdict.ACCEPTED)) | (fine == int(Verdict.ACCEPTED_BY_RESET))
+    vouched = (fine.sum(-1, keepdim=True) >= gate.least_satellites) & (
+        own.present[..., vehicle.anchor : vehicle.anchor + 1] < 0.5
+    )
+    held = torch.where(vouched, refused.clamp(max=vehicle.gate.reset_after - 1), refused)
+    said = judged(vehicle, nis, own.present, held)
+    company = torch.zeros_like(own.present, dtype=torch.bool)
+    for kind in (vehicle.anchor, *vehicle.company):
+        company[..., kind] = True
+    unheard = ranges.reset[..., :1] & (own.present > 0.5) & ~company
+    return Judged(
+        said.nis,
+        torch.where(unheard, int(Verdict.REFUSED_BY_GATE), said.verdict),
+        torch.where(unheard, held, said.refused),
+    )
+
+
+def stacked_rows(
+    model: TightModel, found: Measured, ranges: RangesJudged, own: Measured, said: Judged
+) -> Measured:
+    """Return what is believed, the vehicle's own rows first, against the clock as it was set.
+
+    Args:
+        model: The filter.
+        found: What ranges say.
+        ranges: What is believed of it.
+        own: What the vehicle measures of itself.
+        said: What is believed of that.
+
+    Returns:
+        Rows in error states and surprises; refused ones are blank.
+    """
+    heard = taken(model.vehicle, own, said.verdict)
+    further = model.size + SURPRISES - model.first_clock
+    keep = (ranges.verdict == int(Verdict.ACCEPTED)) | (
+        ranges.verdict == int(Verdict.ACCEPTED_BY_RESET)
+    )
+    left = found.innovation - told_by_clock(model, found, ranges.anew.shift)
+    H = torch.where(keep.unsqueeze(-1), found.observation, 0.0)
+    own_rows = torch.nn.functional.pad(heard.observation, (0, further))
+    return Measured(
+        torch.cat((heard.innovation, torch.where(keep, left, 0.0)), -1),
+        torch.cat((own_rows, H), -2),
+        torch.cat((heard.variance, torch.where(keep, found.variance, 1.0)), -1),
+        torch.cat((own.present, found.present), -1),
+    )
+
+
+def fed_back(
+    model: TightModel, belief: TightBelief[Any], correction: Tensor, shift: Tensor, block: Any
+) -> TightBelief[Any]:
+    """Return a belief moved by a correction; its covariance stays.
+
+    Args:
+        model: The filter.
+        belief: Belief at a block's end, batch shape (...).
+        correction: In the order of the error state, surprises may follow, shape (..., n + c + …).
+        shift: By how much the clock was set, shape (..., c).
+        block: The vehicle's side of the block.
+
+    Returns:
+        Belief.
+    """
+    n = model.first_clock
+    moved = model.vehicle.moved(belief.vehicle, correction[..., :n], block)
+    return belief._replace(
+        vehicle=moved, clock=belief.clock + shift + correction[..., n : model.size]
+    )
+
+
+def with_covariance(belief: TightBelief[Any], covariance: Tensor) -> TightBelief[Any]:
+    """Return a belief with another covariance, its vehicle's block with it.
+
+    Args:
+        belief: Belief, batch shape (...).
+        covariance: Of the whole error, shape (..., n + c, n + c).
+    """
+    n = belief.vehicle.covariance.shape[-1]
+    vehicle = belief.vehicle._replace(covariance=covariance[..., :n, :n])
+    return belief._replace(vehicle=vehicle, covariance=covariance)
