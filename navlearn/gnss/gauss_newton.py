@@ -107,7 +107,7 @@ def located(problem: RangeProblem, weight: Tensor, start: Tensor, iterations: in
         start: Where to start, m, shape (N, 3).
         iterations: Most steps.
     """
-    position, settled = start, torch.zeros_like(weight[:, 0], dtype=torch.bool)
+    position, settled = start, torch.zeros(weight.shape[0], dtype=torch.bool, device=weight.device)
     for _ in range(iterations):
         found = linearised(problem, position, weight)
         step = found.estimate[:, :3]

@@ -135,7 +135,7 @@ def single_point(
 
 def _begin(start: Place | None, batch: torch.Size, like: Tensor) -> Tensor:
     if start is None:
-        return torch.zeros_like(like[:, 0])
+        return like.new_zeros(like.shape[0], 3)
     lat, lon, height = (part.to(like).expand(batch).reshape(-1) for part in start)
     return frames.ecef_from_geodetic(lat, lon, height)
 

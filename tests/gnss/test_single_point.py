@@ -1,21 +1,362 @@
-"""Single-point positions against the geometry that made the ranges."""
+"""Single-point positions against the geometry that made the ranges, and other solvers."""
 
+import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
+import scipy.optimize
 import torch
+from torch import Tensor
 
-from navlearn.frames import enu_between
-from navlearn.gnss.single_point import single_point
+from navlearn import wgs84
+from navlearn.errors import ConfigError, ShapeError
+from navlearn.frames import ecef_from_geodetic, enu_between, enu_from_ecef_matrix
+from navlearn.gnss.range_noise import (
+    RangeNoiseOptions,
+    log_range_noise,
+    range_noise,
+    range_noise_from_log,
+    range_variance,
+)
+from navlearn.gnss.single_point import Reason, SinglePoint, single_point
+from navlearn.gnss.single_point_options import SinglePointOptions
+from navlearn.states import SatelliteRanges
+
+MakeSky = Callable[..., Any]
+
+
+def errors(found: SinglePoint, sky: Any) -> Tensor:
+    """Return position errors east, north, up, m, shape (M, 3)."""
+    enu = enu_between(found.lat, found.lon, found.height, sky.lat, sky.lon, sky.height)
+    return torch.stack(enu, dim=-1)
+
+
+def noisy(sky: Any, seed: int = 1) -> SatelliteRanges:
+    """Return the ranges with errors as the default noise has them."""
+    ranges = sky.ranges
+    noise = range_noise(RangeNoiseOptions())
+    deviation = range_variance(noise, ranges.elevation, ranges.cn0, ranges.std_range).sqrt()
+    draw = torch.Generator().manual_seed(seed)
+    error = deviation * torch.randn(deviation.shape, generator=draw, dtype=torch.float64)
+    return ranges._replace(pseudorange=ranges.pseudorange + error)
 
 
 @pytest.mark.parametrize("systems", [1, 2, 3])
-def test_exact_without_noise(make_sky: Callable[..., Any], systems: int) -> None:
+def test_exact_without_noise(make_sky: MakeSky, systems: int) -> None:
     sky = make_sky(satellites=10, systems=systems)
     found = single_point(sky.ranges)
     assert found.ok.all()
-    for part in enu_between(found.lat, found.lon, found.height, sky.lat, sky.lon, sky.height):
-        torch.testing.assert_close(part, torch.zeros_like(part), atol=1e-6, rtol=0.0)
+    torch.testing.assert_close(
+        errors(found, sky), torch.zeros(5, 3), atol=1e-6, rtol=0.0, check_dtype=False
+    )
     torch.testing.assert_close(found.clock, sky.clock, atol=1e-6, rtol=0.0)
     assert (found.degrees == 10 - 3 - systems).all()
+    assert (found.residual.abs() < 1e-6).all()
+
+
+def test_exact_with_the_earth_turning(make_sky: MakeSky) -> None:
+    """Signals sent in inertial space: the satellite's axes turn while the signal travels."""
+    sky = make_sky(satellites=8)
+    car = ecef_from_geodetic(sky.lat, sky.lon, sky.height).unsqueeze(-2)
+    received = sky.ranges.satellite
+    travel = torch.linalg.vector_norm(received - car, dim=-1) / 299792458.0
+    angle = wgs84.EARTH_RATE * travel
+    c, s = torch.cos(angle), torch.sin(angle)
+    x, y, z = received.unbind(-1)
+    sent = torch.stack((c * x - s * y, s * x + c * y, z), dim=-1)
+    left_as_sent = single_point(sky.ranges._replace(satellite=sent))
+    assert (errors(left_as_sent, sky).norm(dim=-1) > 10.0).all()
+    turned = torch.stack(
+        (c * sent[..., 0] + s * sent[..., 1], c * sent[..., 1] - s * sent[..., 0], z), -1
+    )
+    again = single_point(sky.ranges._replace(satellite=turned))
+    assert (errors(again, sky).abs() < 1e-6).all()
+
+
+def test_as_scipy_solves_it(make_sky: MakeSky) -> None:
+    sky = make_sky(satellites=8, systems=2, receptions=3)
+    ranges = noisy(sky)
+    found = single_point(ranges, SinglePointOptions(probability=1.0))
+    noise = range_noise(RangeNoiseOptions())
+    weight = range_variance(noise, ranges.elevation, ranges.cn0, ranges.std_range).rsqrt().numpy()
+    system = ranges.system.numpy()
+    for m in range(3):
+        satellite, pseudorange = ranges.satellite[m].numpy(), ranges.pseudorange[m].numpy()
+
+        def residual(
+            x: np.ndarray,
+            m: int = m,
+            satellite: np.ndarray = satellite,
+            p: np.ndarray = pseudorange,
+        ) -> np.ndarray:
+            distance = np.linalg.norm(satellite - x[:3], axis=-1)
+            return weight[m] * (p - distance - x[3] - np.where(system == 1, x[4], 0.0))
+
+        x0 = np.array([1e6, -4e6, 4e6, 0.0, 0.0])
+        other = scipy.optimize.least_squares(
+            residual, x0, x_scale=[1e6, 1e6, 1e6, 1e6, 1e3], ftol=1e-15, xtol=1e-15, gtol=1e-15
+        )
+        own = ecef_from_geodetic(found.lat[m], found.lon[m], found.height[m])
+        np.testing.assert_allclose(own.numpy(), other.x[:3], atol=1e-3)
+        np.testing.assert_allclose(found.clock[m].numpy(), other.x[3:], atol=1e-3)
+        assert float(found.test[m]) == pytest.approx(2.0 * other.cost, rel=1e-4)
+
+
+def test_covariance_and_test_by_monte_carlo(make_sky: MakeSky) -> None:
+    sky = make_sky(satellites=8, systems=2, receptions=1, seed=4)
+    draws = 4000
+    many = SatelliteRanges(
+        *(
+            value if name == "system" else value.expand(draws, *value.shape[1:])
+            for name, value in sky.ranges._asdict().items()
+        )
+    )
+    found = single_point(noisy(replace(sky, ranges=many)), SinglePointOptions(probability=1.0))
+    error = errors(found, sky)
+    sampled = error.T @ error / draws
+    stated = found.covariance.mean(0)
+    torch.testing.assert_close(sampled, stated, rtol=0.1, atol=0.15)
+    clock = found.clock - sky.clock
+    torch.testing.assert_close(
+        (clock**2).mean(0).sqrt(), found.clock_std.mean(0), rtol=0.05, atol=0.0
+    )
+    # mean of χ² with 3 degrees is 3, deviation of that mean √(6 / draws) = 0.04
+    assert found.degrees.unique().tolist() == [3]
+    assert float(found.test.mean()) == pytest.approx(3.0, abs=0.16)
+
+
+def test_share_refused_is_the_one_stated(make_sky: MakeSky) -> None:
+    sky = make_sky(satellites=8, receptions=4000, seed=5)
+    found = single_point(noisy(sky), SinglePointOptions(probability=0.95, exclusions=0))
+    share = float((found.reason == Reason.INCONSISTENT).double().mean())
+    assert share == pytest.approx(0.05, abs=0.012)
+
+
+@pytest.mark.parametrize("size", [300.0, 1e4, 1e6, 1e8])
+def test_one_wild_range_is_excluded(make_sky: MakeSky, size: float) -> None:
+    sky = make_sky(satellites=9, receptions=20, seed=6)
+    pseudorange = sky.ranges.pseudorange.clone()
+    which = torch.arange(20) % 9
+    pseudorange[torch.arange(20), which] += size
+    found = single_point(sky.ranges._replace(pseudorange=pseudorange))
+    assert found.ok.all()
+    assert (errors(found, sky).abs() < 1e-5).all()
+    assert torch.equal(found.excluded, torch.nn.functional.one_hot(which, 9).double())
+    assert (found.satellites == 8).all()
+    at_fault = found.residual[torch.arange(20), which]
+    torch.testing.assert_close(at_fault, torch.full((20,), size).double(), rtol=1e-5, atol=0.0)
+
+
+def test_two_wild_ranges_are_excluded(make_sky: MakeSky) -> None:
+    sky = make_sky(satellites=12, receptions=20, seed=7)
+    pseudorange = sky.ranges.pseudorange.clone()
+    pseudorange[:, 2] += 500.0
+    pseudorange[:, 7] -= 2000.0
+    found = single_point(sky.ranges._replace(pseudorange=pseudorange))
+    right = found.ok & (errors(found, sky).abs() < 1e-5).all(-1)
+    assert int(right.sum()) >= 19
+
+
+def test_fault_without_a_satellite_to_spare_is_seen(make_sky: MakeSky) -> None:
+    sky = make_sky(satellites=5, receptions=20, seed=8)
+    pseudorange = sky.ranges.pseudorange.clone()
+    pseudorange[:, 0] += 1e6
+    found = single_point(sky.ranges._replace(pseudorange=pseudorange))
+    assert not found.ok.any()
+    assert set(found.reason.tolist()) <= {Reason.INCONSISTENT, Reason.IMPLAUSIBLE, Reason.GEOMETRY}
+
+
+@pytest.mark.parametrize("count", range(10))
+def test_any_number_of_satellites(make_sky: MakeSky, count: int) -> None:
+    sky = make_sky(satellites=9, systems=2)
+    has = torch.zeros_like(sky.ranges.has_range)
+    has[:, :count] = 1.0
+    found = single_point(sky.ranges._replace(has_range=has))
+    for name, value in found._asdict().items():
+        if name != "clock_std":
+            assert torch.isfinite(value).all(), name
+    needed = 5 if count > 1 else 4
+    if count < needed:
+        assert (found.reason == Reason.TOO_FEW).all()
+        assert (found.satellites == count).all()
+    else:
+        assert found.ok.all()
+        assert (errors(found, sky).abs() < 1e-4).all()
+        assert (found.degrees == count - 5).all()
+
+
+def test_no_satellite_slots_and_no_receptions(make_sky: MakeSky) -> None:
+    ranges = make_sky().ranges
+    none = SatelliteRanges(*(v[..., :0] if v.dim() < 3 else v[..., :0, :] for v in ranges))
+    assert (single_point(none).reason == Reason.TOO_FEW).all()
+    empty = SatelliteRanges(*(v if v is ranges.system else v[:0] for v in ranges))
+    assert single_point(empty).lat.shape == (0,)
+
+
+def test_one_system_alone(make_sky: MakeSky) -> None:
+    """The second system costs nothing where it is not received; without the first, all go on."""
+    sky = make_sky(satellites=12, systems=2)
+    for alone in (0, 1):
+        has = (sky.ranges.system == alone).double().expand(5, 12)
+        found = single_point(sky.ranges._replace(has_range=has))
+        assert found.ok.all()
+        assert (errors(found, sky).abs() < 1e-4).all()
+        assert torch.isinf(found.clock_std[:, 1]).all()
+        assert bool(torch.isinf(found.clock_std[:, 0]).all()) == (alone == 1)
+    assert single_point(sky.ranges, systems=3).clock.shape == (5, 3)
+
+
+def test_clock_jumps_between_receptions_change_nothing_else(make_sky: MakeSky) -> None:
+    sky = make_sky(satellites=8)
+    jumps = 299792458.0 * 1e-3 * torch.arange(5).double().unsqueeze(-1)
+    before = single_point(sky.ranges)
+    after = single_point(sky.ranges._replace(pseudorange=sky.ranges.pseudorange + jumps))
+    assert after.ok.all()
+    torch.testing.assert_close(after.clock - before.clock, jumps, atol=1e-5, rtol=0.0)
+    assert (errors(after, sky).abs() < 1e-5).all()
+
+
+def test_satellites_that_cannot_tell_are_no_solution(make_sky: MakeSky) -> None:
+    sky = make_sky(satellites=8)
+    same = SatelliteRanges(
+        *(v if v is sky.ranges.system else v[:, :1].expand_as(v) for v in sky.ranges)
+    )
+    assert (single_point(same).reason == Reason.GEOMETRY).all()
+
+
+def test_satellites_in_a_plane_with_the_car(make_sky: MakeSky) -> None:
+    sky = make_sky(satellites=8)
+    car = ecef_from_geodetic(sky.lat, sky.lon, sky.height)
+    # all on the meridian plane: nothing tells how far the car lies beside it
+    across = torch.linalg.cross(car, torch.tensor([0.0, 0.0, 1.0]).double().expand_as(car))
+    across = across / across.norm(dim=-1, keepdim=True)
+    away = sky.ranges.satellite - car[:, None]
+    away = away - (away * across[:, None]).sum(-1, keepdim=True) * across[:, None]
+    clock = sky.clock[:, :1]
+    flat = sky.ranges._replace(satellite=car[:, None] + away, pseudorange=away.norm(dim=-1) + clock)
+    for start in (None, (sky.lat, sky.lon, sky.height)):
+        found = single_point(flat, start=start)
+        assert not found.ok.any()
+        assert (found.reason == Reason.GEOMETRY).any()
+        assert torch.isfinite(found.lat).all()
+
+
+def test_satellites_at_one_elevation_leave_height_and_clock_together(make_sky: MakeSky) -> None:
+    sky = make_sky(satellites=8)
+    azimuth = torch.arange(8).double() * math.pi / 4.0
+    unit = torch.stack((torch.sin(azimuth), torch.cos(azimuth), torch.ones(8).double()), -1)
+    turn = enu_from_ecef_matrix(sky.lat, sky.lon)
+    away = 2.2e7 * torch.nn.functional.normalize(unit, dim=-1) @ turn
+    car = ecef_from_geodetic(sky.lat, sky.lon, sky.height)
+    cone = sky.ranges._replace(satellite=car[:, None] + away, pseudorange=away.norm(dim=-1))
+    found = single_point(cone, start=(sky.lat, sky.lon, sky.height))
+    assert (found.reason == Reason.GEOMETRY).all()
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 1e300])
+def test_senseless_values_are_left_out(make_sky: MakeSky, value: float) -> None:
+    sky = make_sky(satellites=8)
+    pseudorange, satellite = sky.ranges.pseudorange.clone(), sky.ranges.satellite.clone()
+    pseudorange[:, 0] = value
+    satellite[:, 1, 2] = value
+    satellite[:, 2] = 0.0  # as where an ephemeris is missing
+    found = single_point(sky.ranges._replace(pseudorange=pseudorange, satellite=satellite))
+    assert found.ok.all()
+    assert (errors(found, sky).abs() < 1e-4).all()
+    assert (found.satellites == 5).all()
+    assert (found.excluded[:, :3] == 1.0).all()
+
+
+def test_low_satellites_are_not_used(make_sky: MakeSky) -> None:
+    sky = make_sky(satellites=9)
+    found = single_point(sky.ranges, SinglePointOptions(elevation_mask=0.6))
+    assert torch.equal(found.used > 0.0, sky.ranges.elevation >= 0.6)
+    assert not found.excluded.any()
+
+
+def test_batch_equals_loop(make_sky: MakeSky) -> None:
+    sky = make_sky(satellites=9, receptions=6, systems=2)
+    ranges = noisy(sky)
+    ranges.pseudorange[2, 3] += 1e3
+    whole = single_point(ranges)
+    stacked = SatelliteRanges(
+        *(
+            v.expand(2, -1) if name == "system" else v.reshape(2, 3, *v.shape[1:])
+            for name, v in ranges._asdict().items()
+        )
+    )
+    for name, value in single_point(stacked)._asdict().items():
+        torch.testing.assert_close(value.flatten(0, 1), getattr(whole, name), rtol=1e-12, atol=1e-9)
+    for m in range(6):
+        one = SatelliteRanges(
+            *(v if n == "system" else v[m : m + 1] for n, v in ranges._asdict().items())
+        )
+        alone = single_point(one, systems=2)
+        for name, value in alone._asdict().items():
+            torch.testing.assert_close(value[0], getattr(whole, name)[m], rtol=1e-9, atol=1e-7)
+
+
+def test_start_does_not_matter(make_sky: MakeSky) -> None:
+    sky = make_sky(satellites=7)
+    ranges = noisy(sky)
+    centre = single_point(ranges)
+    near = single_point(ranges, start=(sky.lat + 0.01, sky.lon, sky.height))
+    for name in ("lat", "lon", "height", "clock", "residual"):
+        torch.testing.assert_close(
+            getattr(near, name), getattr(centre, name), rtol=1e-13, atol=1e-6
+        )
+
+
+def test_derivatives_to_pseudoranges(make_sky: MakeSky) -> None:
+    sky = make_sky(satellites=7, receptions=2, systems=2)
+    ranges = noisy(sky)
+    options = SinglePointOptions(probability=1.0)
+
+    def solution(pseudorange: Tensor) -> Tensor:
+        found = single_point(ranges._replace(pseudorange=pseudorange), options)
+        east, north, up = enu_between(
+            found.lat, found.lon, found.height, sky.lat, sky.lon, sky.height
+        )
+        return torch.cat((torch.stack((east, north, up), -1), found.clock), dim=-1)
+
+    pseudorange = ranges.pseudorange.clone().requires_grad_()
+    assert torch.autograd.gradcheck(solution, (pseudorange,), eps=0.1, atol=1e-6, rtol=1e-4)
+
+
+def test_derivatives_to_noise(make_sky: MakeSky) -> None:
+    sky = make_sky(satellites=7, receptions=2)
+    ranges = noisy(sky)
+    options = SinglePointOptions(probability=1.0)
+
+    def spread(log: Tensor) -> Tensor:
+        found = single_point(ranges, options, noise=range_noise_from_log(log))
+        return torch.cat((found.covariance.flatten(), found.test))
+
+    log = log_range_noise(RangeNoiseOptions()).requires_grad_()
+    assert torch.autograd.gradcheck(spread, (log,), eps=1e-3, atol=1e-4, rtol=1e-4)
+
+
+def test_derivatives_are_finite_where_nothing_is_solved(make_sky: MakeSky) -> None:
+    sky = make_sky(satellites=7)
+    has = sky.ranges.has_range.clone()
+    has[0], has[1, 2:] = 0.0, 0.0
+    pseudorange = sky.ranges.pseudorange.clone().requires_grad_()
+    found = single_point(sky.ranges._replace(has_range=has, pseudorange=pseudorange))
+    total = found.lat.sum() + found.height.sum() + found.clock.sum() + found.test.sum()
+    (gradient,) = torch.autograd.grad(total + found.covariance.sum(), pseudorange)
+    assert torch.isfinite(gradient).all()
+    assert (gradient[2:] != 0.0).any()
+
+
+def test_refusals(make_sky: MakeSky) -> None:
+    ranges = make_sky().ranges
+    with pytest.raises(ShapeError, match="cn0 has shape"):
+        single_point(ranges._replace(cn0=ranges.cn0[:, :4]))
+    with pytest.raises(ShapeError, match=r"expected \(..., M, S\)"):
+        single_point(ranges._replace(pseudorange=ranges.pseudorange[0]))
+    for name, value in (("probability", 0.0), ("exclusions", -1), ("heights", (5.0, 1.0))):
+        with pytest.raises(ConfigError, match=name):
+            SinglePointOptions(**{name: value})
