@@ -22,6 +22,8 @@ from navlearn.experiment.learned import Learned
 from navlearn.experiment.oracles import GyroOracle, PerfectAzimuth, Truth
 from navlearn.experiment.pseudo_outage_method import PseudoOutageMethod
 from navlearn.experiment.rts_method import SmoothedFilter
+from navlearn.experiment.tight_filter_runs import TightFilterRuns
+from navlearn.experiment.tight_method import TightMethod
 from navlearn.outages.replay import Method
 from navlearn.recipe import Recipe
 from navlearn.recipe.anarx_spec import AnarxSpec
@@ -42,6 +44,7 @@ class MethodContext:
         recipe: The recipe.
         runs: Filter runs, shared by all methods.
         ins_runs: Runs of the full-IMU filter, likewise.
+        tight_runs: Runs of the tightly coupled filter, likewise.
         keep: Called with the name of each model and every fit of it that can be stored.
         truth: What no method can know; for oracles alone.
         diagnose: Called with the name of each model of a full IMU and the diagnostics of each of
@@ -51,6 +54,7 @@ class MethodContext:
     recipe: Recipe
     runs: FilterRuns
     ins_runs: InsFilterRuns
+    tight_runs: TightFilterRuns
     keep: Keep | None = None
     truth: Truth | None = None
     diagnose: Diagnose | None = None
@@ -79,6 +83,7 @@ FIXED: Final[dict[str, Callable[[MethodContext], Method]]] = {
     "ekf_shen2010": lambda context: FilterMethod(context.runs, "ekf_shen2010"),
     "ekf": lambda context: FilterMethod(context.runs, "ekf"),
     **{name: _ins_filter(name) for name in VARIANTS},
+    "tc_ekf": lambda context: TightMethod(context.tight_runs),
     "rts": _smoothed,
     "oracle": lambda context: GyroOracle(context.runs, context.truth, noise_free=False),
     "noise_free_gyro": lambda context: GyroOracle(context.runs, context.truth, noise_free=True),
@@ -124,6 +129,7 @@ def build_methods(
         recipe=recipe,
         runs=shared,
         ins_runs=InsFilterRuns(recipe),
+        tight_runs=TightFilterRuns(recipe),
         keep=keep,
         truth=truth,
         diagnose=diagnose,

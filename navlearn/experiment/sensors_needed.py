@@ -35,7 +35,7 @@ def of_a_full_imu(recipe: Recipe) -> tuple[str, ...]:
 
 
 def check_sensors(recipe: Recipe, log: DriveLog, outages: tuple[Outage, ...] = ()) -> None:
-    """Refuse a drive that lacks the full IMU which a recipe asks for.
+    """Refuse a drive that lacks the ranges or the full IMU which a recipe asks for.
 
     Args:
         recipe: The recipe.
@@ -43,9 +43,11 @@ def check_sensors(recipe: Recipe, log: DriveLog, outages: tuple[Outage, ...] = (
         outages: Its outages; up to the last one's end the IMU may have no hole.
 
     Raises:
-        LogError: There are no six axes in SI units with gravity along z, or they have a hole.
+        LogError: There are no ranges, or no six axes in SI units with gravity along z, or they
+            have a hole.
         ConfigError: The strapdown is to step faster than the IMU.
     """
+    _check_ranges(recipe, log)
     needed = of_a_full_imu(recipe)
     if not needed:
         return
@@ -56,6 +58,24 @@ def check_sensors(recipe: Recipe, log: DriveLog, outages: tuple[Outage, ...] = (
             imu_timeline_of(known_log(log, outages[-1]), recipe)
     except LogError as problem:
         raise LogError(f"{log.metadata.name}: {', '.join(needed)} cannot run: {problem}") from None
+
+
+def tightly_coupled(recipe: Recipe) -> tuple[str, ...]:
+    """Return what of a recipe needs raw ranges: methods by name.
+
+    Args:
+        recipe: The recipe.
+    """
+    return tuple(name for name in recipe.methods if name.startswith("tc_ekf"))
+
+
+def _check_ranges(recipe: Recipe, log: DriveLog) -> None:
+    needed = tightly_coupled(recipe)
+    if needed and log.ranges is None:
+        raise LogError(
+            f"{log.metadata.name}: {', '.join(needed)} cannot run: the log has no raw ranges; use "
+            "one that has (docs/logs.md), simulate them, or take loosely coupled methods"
+        )
 
 
 def _check_rate(recipe: Recipe, log: DriveLog) -> None:

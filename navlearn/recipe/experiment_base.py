@@ -10,14 +10,17 @@ from navlearn.logs.nearest import nearest_hint
 from navlearn.recipe.filter_options import (
     checked_filter,
     checked_ins_filter,
+    checked_tight,
     ekf_options,
     ins_ekf_options,
+    tight_ekf_options,
 )
 from navlearn.recipe.fixed_methods import (
     BASELINES,
     COMPARED_WITH,
     FIXED_METHODS,
     INS_COMPARED_WITH,
+    TIGHT_COMPARED_WITH,
 )
 from navlearn.recipe.sections import (
     CalibrationSection,
@@ -33,6 +36,7 @@ from navlearn.recipe.strict import Section
 if TYPE_CHECKING:
     from navlearn.fusion.ins.options import InsEkfOptions
     from navlearn.fusion.options import EkfOptions
+    from navlearn.fusion.tight.options import TightEkfOptions
 
 VERSIONS: Final = "versions"
 """Key of a resolved recipe that is not the recipe's own."""
@@ -70,6 +74,7 @@ class Experiment(Titled):
         mechanization: How the car is dead-reckoned.
         filter: Options of the filter that differ from their defaults, by name.
         ins_filter: The same for the filter of a full IMU.
+        tight: The same for raw ranges, beside the options of the vehicle's own filter.
         outages: Where GNSS is taken away.
         training: What error models learn from.
         calibration: How late streams are stamped.
@@ -88,6 +93,7 @@ class Experiment(Titled):
     ins_filter: Annotated[dict[str, Any], AfterValidator(checked_ins_filter)] = Field(
         default_factory=dict
     )
+    tight: Annotated[dict[str, Any], AfterValidator(checked_tight)] = Field(default_factory=dict)
     outages: OutageSection = OutageSection()
     training: TrainingSection = TrainingSection()
     calibration: CalibrationSection = CalibrationSection()
@@ -142,11 +148,15 @@ class Experiment(Titled):
         """Return the full-IMU filter's options: their defaults under ``ins_filter``."""
         return ins_ekf_options(self.ins_filter)
 
+    def tight_ekf_options(self) -> "TightEkfOptions":
+        """Return the tightly coupled filter's options: their defaults under ``tight``."""
+        return tight_ekf_options(self.tight)
+
     @property
     def baselines(self) -> tuple[str, ...]:
         """Methods that the others are compared with, the honest filter first."""
         first = INS_COMPARED_WITH if self.mechanization.sensors == "imu" else COMPARED_WITH
-        order = dict.fromkeys((*first, *COMPARED_WITH, *INS_COMPARED_WITH))
+        order = dict.fromkeys((*TIGHT_COMPARED_WITH, *first, *COMPARED_WITH, *INS_COMPARED_WITH))
         return tuple(name for name in order if name in self.methods)
 
     def resolved(self) -> dict[str, Any]:

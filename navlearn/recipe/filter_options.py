@@ -12,6 +12,7 @@ from navlearn.logs.nearest import nearest_hint
 if TYPE_CHECKING:
     from navlearn.fusion.ins.options import InsEkfOptions
     from navlearn.fusion.options import EkfOptions
+    from navlearn.fusion.tight.options import TightEkfOptions
 
 
 def checked_filter(overrides: dict[str, Any]) -> dict[str, Any]:
@@ -48,6 +49,23 @@ def checked_ins_filter(overrides: dict[str, Any]) -> dict[str, Any]:
     return _checked_for(InsEkfOptions, overrides)
 
 
+def checked_tight(overrides: dict[str, Any]) -> dict[str, Any]:
+    """Return overrides of the tightly coupled filter's options, as :func:`checked_filter` does.
+
+    Args:
+        overrides: Values by name of a field of
+            :class:`navlearn.fusion.tight.options.TightEkfOptions`.
+
+    Raises:
+        ValueError: A name is unknown or a value is not allowed.
+    """
+    if not overrides:
+        return {}
+    from navlearn.fusion.tight.options import TightEkfOptions
+
+    return _checked_for(TightEkfOptions, overrides)
+
+
 def _checked_for(options: type[Any], overrides: dict[str, Any]) -> dict[str, Any]:
     checked = _checked(options, overrides, prefix="")
     _built(options, checked)
@@ -81,6 +99,21 @@ def ins_ekf_options(overrides: Mapping[str, Any]) -> "InsEkfOptions":
     from navlearn.fusion.ins.options import InsEkfOptions
 
     built: InsEkfOptions = _built(InsEkfOptions, overrides)
+    return built
+
+
+def tight_ekf_options(overrides: Mapping[str, Any]) -> "TightEkfOptions":
+    """Return the tightly coupled filter's options with overrides laid over their defaults.
+
+    Args:
+        overrides: As :func:`checked_tight` returns them.
+
+    Raises:
+        ConfigError: The options do not go together.
+    """
+    from navlearn.fusion.tight.options import TightEkfOptions
+
+    built: TightEkfOptions = _built(TightEkfOptions, overrides)
     return built
 
 

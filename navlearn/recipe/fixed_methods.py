@@ -44,6 +44,10 @@ FIXED_METHODS: Final[dict[str, FixedMethod]] = {
     "ins_ekf": FixedMethod(
         "the honest filter of a full IMU: GNSS, odometer, non-holonomic and standstill updates"
     ),
+    "tc_ekf": FixedMethod(
+        "the honest filter of one gyro or a full IMU, tightly coupled: raw ranges and range rates "
+        "of single satellites"
+    ),
     "rts": FixedMethod(
         "the honest filter smoothed from the fixes before the outage and for 120 s after it",
         "post-processing",
@@ -63,6 +67,9 @@ COMPARED_WITH: Final = ("ekf", "ekf_plain")
 
 INS_COMPARED_WITH: Final = ("ins_ekf", "ins_ekf_open_loop", "ins_ekf_plain")
 """The same where ``mechanization.sensors`` is ``imu``."""
+
+TIGHT_COMPARED_WITH: Final = ("tc_ekf",)
+"""What comes before both where a recipe runs it: what is coupled tightly, without a model."""
 
 BASELINES: Final = ("dead_reckoning", "ekf_plain", "ekf")
 """Methods that learn nothing and know nothing but the past."""

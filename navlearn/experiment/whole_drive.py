@@ -1,0 +1,169 @@
+"""How good positions are over a whole drive: what the receiver says, ranges alone, and filters.
+
+No outage is made. Every solution is judged at the reference's own times, open sky and canyons
+apart; what a canyon is depends on what is received, never on errors.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+import pandas as pd
+
+from navlearn.experiment.baselines import FilterRuns
+from navlearn.experiment.ins_filter_runs import InsFilterRuns
+from navlearn.experiment.solution_tables import ins_solution_table, solution_table
+from navlearn.experiment.tight_filter_runs import TightFilterRuns
+from navlearn.logs.drive_log import DriveLog
+from navlearn.logs.single_point_fixes import with_single_point_fixes
+from navlearn.outages.schedule import Outage
+from navlearn.outages.track import enu_metres, track_of
+from navlearn.recipe import Recipe
+from navlearn.states import InsState
+
+OPEN_SKY: Final = 6
+"""Satellites received under an open sky, at least; fewer make a canyon."""
+
+SPAN: Final = 5.0
+"""Seconds before and after a moment over which received satellites are averaged."""
+
+NEAR: Final = 0.06
+"""A solution belongs to a time of the reference that lies this near, s."""
+
+
+def whole_drive(log: DriveLog, recipe: Recipe) -> pd.DataFrame:
+    """Return the errors of every solution over a drive.
+
+    Args:
+        log: The drive, with ranges and reference; its fixes, where it has any, are judged too.
+        recipe: Tells the filters' options.
+
+    Returns:
+        One row per solution and time of the reference: ``solution``, ``t`` (s), ``east``,
+        ``north``, ``up``, ``horizontal`` (errors, m), ``canyon`` (whether).
+    """
+    track = track_of(log)
+    rows = []
+    for name, table in _solutions(log, recipe):
+        at, found = _at(table, track.t)
+        lat, lon, height = found
+        east, north, up = enu_metres(
+            lat, lon, height, track.lat[at], track.lon[at], track.height[at]
+        )
+        rows.append(
+            pd.DataFrame(
+                {"solution": name, "t": track.t[at], "east": east, "north": north, "up": up}
+            )
+        )
+    errors = pd.concat(rows, ignore_index=True)
+    return errors.assign(
+        horizontal=np.hypot(errors["east"], errors["north"]),
+        canyon=in_canyon(log, errors["t"].to_numpy()),
+    )
+
+
+def summary(errors: pd.DataFrame) -> pd.DataFrame:
+    """Return the figures of a drive, by where it was and by solution.
+
+    Args:
+        errors: As :func:`whole_drive` returns them.
+
+    Returns:
+        Times judged, median, 95th percentile, RMS and largest horizontal error, and the 95th
+        percentile of the vertical error, m.
+    """
+    common = errors.groupby("t")["solution"].transform("nunique") == errors["solution"].nunique()
+    parts: Mapping[str, pd.DataFrame] = {
+        "all": errors,
+        "open sky": errors[~errors["canyon"]],
+        "canyon": errors[errors["canyon"]],
+        "where all have one": errors[common],
+    }
+    told = []
+    for where, part in parts.items():
+        for solution, rows in part.groupby("solution", sort=False):
+            off = rows["horizontal"]
+            told.append(
+                {
+                    "where": where,
+                    "solution": solution,
+                    "times": len(off),
+                    "median": off.median(),
+                    "95 %": off.quantile(0.95),
+                    "RMS": float(np.sqrt((off**2).mean())),
+                    "largest": off.max(),
+                    "95 % up": rows["up"].abs().quantile(0.95),
+                }
+            )
+    return pd.DataFrame(told)
+
+
+def in_canyon(log: DriveLog, t: np.ndarray) -> np.ndarray:
+    """Return where a drive was in a canyon: fewer than six satellites were received on average.
+
+    Args:
+        log: The drive.
+        t: Times, s, shape (N,).
+
+    Returns:
+        Whether, bool, shape (N,).
+    """
+    if log.ranges is None:
+        return np.zeros(t.shape, dtype=bool)
+    count = log.ranges.groupby("t").size()
+    at, seen = count.index.to_numpy(np.float64), count.to_numpy(np.float64)
+    total = np.concatenate(([0.0], np.cumsum(seen)))
+    period = float(np.median(np.diff(at))) if at.size > 1 else 1.0
+    first, last = np.searchsorted(at, t - SPAN), np.searchsorted(at, t + SPAN, side="right")
+    # a reception that is missing altogether counts as one of no satellite
+    expected = np.maximum(last - first, np.round(2.0 * SPAN / period))
+    return np.asarray((total[last] - total[first]) / np.maximum(expected, 1.0) < OPEN_SKY)
+
+
+def _solutions(log: DriveLog, recipe: Recipe) -> Iterator[tuple[str, pd.DataFrame]]:
+    alone = with_single_point_fixes(replace(log, fixes=log.fixes.iloc[:0]))
+    yield "single point", alone.fixes
+    if len(log.fixes):
+        yield "receiver's fixes", log.fixes
+        yield "loose, receiver's fixes", _loose(log, recipe)
+    yield "loose, single point", _loose(alone, recipe)
+    yield "tight", _tight(log if len(log.fixes) else alone, recipe)
+
+
+def _everything(log: DriveLog) -> Outage:
+    # a stretch that holds the whole drive, so that its solution becomes a table
+    return Outage(float(log.imu["t"].iloc[0]) - 1.0, log.duration + 2.0)
+
+
+def _loose(log: DriveLog, recipe: Recipe) -> pd.DataFrame:
+    if recipe.mechanization.sensors == "imu":
+        line, _, run = InsFilterRuns(recipe).run(log)
+        return ins_solution_table(line.t[run.first :], run.history.trajectory, _everything(log))
+    timeline, _, one = FilterRuns(recipe).run(log)
+    return solution_table(timeline.t[one.first :], one.history.trajectory, _everything(log))
+
+
+def _tight(log: DriveLog, recipe: Recipe) -> pd.DataFrame:
+    line, _, _, run = TightFilterRuns(recipe).run(log)
+    path, t = run.history.trajectory, line.t[run.first :]
+    if isinstance(path, InsState):
+        return ins_solution_table(t, path, _everything(log))
+    return solution_table(t, path, _everything(log))
+
+
+def _at(table: pd.DataFrame, t: np.ndarray) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
+    """Return the times of a reference that a solution has, and the solution there."""
+    known = table.dropna(subset=["lat", "lon"])
+    own = known["t"].to_numpy(np.float64)
+    after = np.clip(np.searchsorted(own, t), 1, len(own) - 1)
+    dense = np.diff(own)[after - 1] <= 4.0 * NEAR
+    inside = (t >= own[0]) & (t <= own[-1])
+    nearest = np.where(t - own[after - 1] < own[after] - t, after - 1, after)
+    hit = np.abs(own[nearest] - t) <= NEAR
+    at = np.flatnonzero(inside & (dense | hit))
+    values = [known[name].to_numpy(np.float64) for name in ("lat", "lon", "height")]
+    between = [np.interp(t[at], own, one) for one in values]
+    exact = [one[nearest[at]] for one in values]
+    chosen = dense[at]
+    return at, tuple(np.where(chosen, a, b) for a, b in zip(between, exact, strict=True))
