@@ -12,7 +12,7 @@ from navlearn.gnss.dilution import dilution
 
 
 def units(elevation: list[float], azimuth: list[float]) -> torch.Tensor:
-    e, a = torch.tensor(elevation).double(), torch.tensor(azimuth).double()
+    e, a = (torch.tensor(part, dtype=torch.float64) for part in (elevation, azimuth))
     return torch.stack((e.cos() * a.sin(), e.cos() * a.cos(), e.sin()), dim=-1)
 
 
@@ -36,7 +36,7 @@ def test_as_numpy_has_it(seed: int, satellites: int, systems: int) -> None:
     q = np.diag(np.linalg.inv(design.T @ design))
     found = dilution(unit, torch.ones(satellites), torch.tensor(system))
     expected = [q.sum(), q[:3].sum(), q[:2].sum(), q[2], q[3]]
-    np.testing.assert_allclose([float(value) for value in found], np.sqrt(expected), rtol=1e-5)
+    np.testing.assert_allclose([float(value) for value in found], np.sqrt(expected), rtol=1e-6)
 
 
 @settings(max_examples=40, deadline=None)
