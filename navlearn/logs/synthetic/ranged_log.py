@@ -3,6 +3,7 @@
 from dataclasses import asdict, replace
 
 from navlearn.logs.drive_log import DriveLog
+from navlearn.logs.single_point_fixes import with_single_point_fixes
 from navlearn.logs.synthetic.ranges import CORRECTIONS, SimulatedRanges
 from navlearn.logs.synthetic.satellite_options import SatelliteOptions
 
@@ -17,6 +18,9 @@ def with_ranges(
         made: Its ranges.
         options: What they were made with; stated in ``extra["satellites"]``.
         how: What the metadata call them.
+
+    Raises:
+        LogError: The fixes are to be solved from the ranges, and no reception can be.
     """
     parts = (
         f"thermal {options.thermal:g} m",
@@ -37,7 +41,11 @@ def with_ranges(
         },
         extra={**log.metadata.extra, "satellites": _plain(options)},
     )
-    return replace(log, ranges=made.table, metadata=about)
+    ranged = replace(log, ranges=made.table, metadata=about)
+    if options.fixes == "drawn":
+        return ranged
+    told = {**about.sensors, "fixes": f"{how}: single-point solutions of the ranges"}
+    return with_single_point_fixes(replace(ranged, metadata=replace(about, sensors=told)))
 
 
 def _plain(options: SatelliteOptions) -> dict[str, object]:

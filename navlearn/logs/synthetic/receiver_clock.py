@@ -1,7 +1,7 @@
 """The clock of a receiver: an offset that its frequency drives.
 
 White frequency noise walks the offset, a random walk the frequency: the two-state model of
-[Groves2013] §9.1.4 (Eq. (9.148) ff.), drawn exactly at the receptions.
+[Groves2013] §9.4.2, drawn exactly at the receptions.
 """
 
 import math

@@ -1,8 +1,8 @@
 """What a simulated GNSS receiver sees and how wrong its ranges are: figures and presets.
 
 Deviations of pseudoranges are those left when broadcast clock, ionosphere and troposphere have
-been taken off. The parts are those of usual error budgets ([Groves2013] §9.3, §9.4); the clock's
-figures are those of a temperature-compensated crystal ([Brown2012] §9.3).
+been taken off. The parts are those of usual error budgets ([Groves2013] §9.3); the clock's figures
+are those of a temperature-compensated crystal.
 """
 
 import math
@@ -38,7 +38,7 @@ class SatelliteOptions:
         lowest_deg: Satellites lower than this are not received, degrees.
         cn0_zenith: Mean C/N0 in the zenith, dB-Hz.
         cn0_horizon: Mean C/N0 on the horizon, dB-Hz; between them it goes with the sine.
-        fading: Gauss–Markov fading of C/N0, dB.
+        fading: Fading of C/N0, Gauss–Markov, dB.
         fading_time: Correlation time of the fading, s.
         cn0_threshold: Weaker satellites are not received, dB-Hz.
         thermal: White noise of the code at 45 dB-Hz, m; doubles for every 6 dB less.
@@ -75,7 +75,7 @@ class SatelliteOptions:
         clock_jump: Steps by which the receiver sets its clock when it is half a step off, s;
             zero lets it run.
         system_offset: Offset of each further system's time against the first one's, m.
-        systematic: Error that follows from elevation and the C/N0 of the last ten seconds alone
+        systematic: Error that follows from elevation and the C/N0 of the last ten receptions alone
             and that a model could learn, m; no receiver is known to have it.
         fixes: Where the fixes come from: ``single_point`` solves the ranges, ``drawn`` takes the
             grade's figures as without satellites.
@@ -119,7 +119,7 @@ class SatelliteOptions:
     clock_jump: float = 0.0
     system_offset: float = 15.0
     systematic: float = 0.0
-    fixes: Literal["single_point", "drawn"] = "drawn"
+    fixes: Literal["single_point", "drawn"] = "single_point"
 
     def __post_init__(self) -> None:
         unknown = [letter for letter in self.systems if letter not in SYSTEMS]

@@ -51,7 +51,7 @@ class Pattern(NamedTuple):
 
 
 PATTERNS: Final = {
-    "G": Pattern(6, 5, 2, 26_559_700.0, math.radians(55.0), 0.3, 0.012),
+    "G": Pattern(6, 5, 1, 26_559_700.0, math.radians(55.0), 0.3, 0.012),
     "E": Pattern(3, 8, 1, 29_599_800.0, math.radians(56.0), 1.1, 0.0005),
     "R": Pattern(3, 8, 1, 25_508_000.0, math.radians(64.8), 0.7, 0.002),
 }
