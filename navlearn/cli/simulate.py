@@ -21,6 +21,14 @@ def simulate(
     ] = "mems_m",
     duration: Annotated[float, typer.Option("--duration", help="Length of the drive, s.")] = 1800.0,
     seed: Annotated[int, typer.Option("--seed", help="Seed of all that is drawn.")] = 0,
+    satellites: Annotated[
+        str | None,
+        typer.Option(
+            "--satellites",
+            help="Sky that raw ranges are received from: open_sky, suburban, urban or ideal; "
+            "without it there are none.",
+        ),
+    ] = None,
     sample: Annotated[
         bool,
         typer.Option(
@@ -31,7 +39,7 @@ def simulate(
 ) -> None:
     """Simulate a drive and save it as a log with its truth as reference.
 
-    What only a simulation knows of its gyro lies beside it, for oracles.
+    What only a simulation knows of its gyro and its ranges lies beside it, for oracles.
     """
     from navlearn.logs.formats.native import save_log
     from navlearn.logs.synthetic.sample import make_sample_drive
@@ -40,6 +48,14 @@ def simulate(
     if sample:
         folder = make_sample_drive(out, force=force)
     else:
-        drive = simulate_drive(profile=profile, grade=grade, duration=duration, seed=seed)
-        folder = save_log(drive.log, out, force=force, truth=drive.sensor_truth)
+        drive = simulate_drive(
+            profile=profile, grade=grade, duration=duration, seed=seed, satellites=satellites
+        )
+        folder = save_log(
+            drive.log,
+            out,
+            force=force,
+            truth=drive.sensor_truth,
+            range_truth=drive.range_truth,
+        )
     typer.echo(f"Log: {folder}")

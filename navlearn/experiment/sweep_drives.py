@@ -6,6 +6,7 @@ from navlearn.logs.drive_log import DriveLog
 from navlearn.logs.sensor_truth import SensorTruth
 from navlearn.logs.synthetic import jaradat2017_scenario, simulate_drive
 from navlearn.logs.synthetic.degrade import degraded_drive
+from navlearn.recipe.satellite_section import satellite_options
 from navlearn.recipe.sweep import SweepRecipe
 from navlearn.recipe.swept_drives import (
     CLASSES,
@@ -41,6 +42,7 @@ def make_drive(recipe: SweepRecipe, grade: str, seed: int) -> tuple[DriveLog, Se
             duration=source.duration_s,
             seed=seed,
             imu_rate_hz=source.imu_rate_hz,
+            satellites=None if source.sky is None else satellite_options(source.sky),
             name=f"{source.profile}_{grade}_{seed}",
         )
         return made.log, made.sensor_truth

@@ -6,6 +6,7 @@ from typing import Annotated, Final
 from pydantic import Field, model_validator
 
 from navlearn.logs.nearest import nearest_hint
+from navlearn.recipe.satellite_section import Satellites
 from navlearn.recipe.spec_base import Positive, Seed
 from navlearn.recipe.strict import Section
 
@@ -55,6 +56,8 @@ class SimulatedSection(Section):
         duration_s: Length of the drive.
         imu_rate_hz: Rate of the inertial samples.
         seed: Seed of road and sensors.
+        satellites: Satellites, streets and receiver that the log has raw ranges from: a preset
+            such as ``suburban``, or options over one; None for a log without ranges.
     """
 
     profile: str = "mixed"
@@ -62,6 +65,7 @@ class SimulatedSection(Section):
     duration_s: Positive = 1800.0
     imu_rate_hz: Annotated[float, Field(gt=0, le=1000)] = 100.0
     seed: Seed = 0
+    satellites: Satellites | None = None
 
     @model_validator(mode="after")
     def _profile_exists(self) -> "SimulatedSection":
@@ -78,7 +82,7 @@ class SimulatedSection(Section):
         return self
 
     def _nothing_but_the_seed(self) -> None:
-        for name in ("grade", "duration_s", "imu_rate_hz"):
+        for name in ("grade", "duration_s", "imu_rate_hz", "satellites"):
             found = getattr(self, name)
             if found != type(self).model_fields[name].default:
                 raise ValueError(

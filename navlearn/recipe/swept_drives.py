@@ -1,11 +1,13 @@
 """The drives of a sweep: simulated, spoilt, drawn from a paper's scenario, or recorded."""
 
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final, Literal, NamedTuple
 
 from pydantic import AfterValidator, Field, model_validator
 
 from navlearn.logs.nearest import nearest_hint
 from navlearn.recipe.log_section import SCENARIO, AidingSection, LogSource
+from navlearn.recipe.satellite_section import Satellites
+from navlearn.recipe.sections import Number
 from navlearn.recipe.spec_base import Count, Positive, Seed
 from navlearn.recipe.strict import Section
 
@@ -14,6 +16,18 @@ CLASSES: Final = {"mems_l": "L", "mems_m": "M", "mems_x": "X", "tactical": "T"}
 
 RECORDED: Final = "recorded"
 """Class of drives whose sensors are their own."""
+
+
+class Conditions(NamedTuple):
+    """What the outages of a part of a sweep have in common.
+
+    Attributes:
+        duration: Their length, s.
+        satellites: Satellites whose raw ranges stay.
+    """
+
+    duration: float
+    satellites: int = 0
 
 
 def _each_once(values: tuple[Any, ...]) -> tuple[Any, ...]:
@@ -54,6 +68,7 @@ def _known_profile(profile: str) -> str:
 
 Grades = Annotated[tuple[str, ...], Field(min_length=1), AfterValidator(known_grades)]
 Durations = Annotated[tuple[Positive, ...], Field(min_length=1), AfterValidator(_each_once)]
+Numbers = Annotated[tuple[Number, ...], Field(min_length=1), AfterValidator(_each_once)]
 
 
 class Drives(Section):
@@ -64,12 +79,14 @@ class Drives(Section):
         drives: Drives per grade; for a real drive, draws of the gyro's error.
         first_seed: Seed of the first drive of every grade; the next ones follow.
         durations_s: Lengths of outages; each is placed on every drive.
+        satellites: Numbers of satellites that stay, through the same outages each.
     """
 
     grades: Grades
     drives: Count
     first_seed: Seed = 0
     durations_s: Durations = (60.0, 120.0)
+    satellites: Numbers = (0,)
 
     @property
     def seeds(self) -> tuple[int, ...]:
@@ -85,12 +102,15 @@ class SimulatedDrives(Drives):
         profile: Kind of road.
         duration_s: Length of each drive.
         imu_rate_hz: Rate of the inertial samples.
+        sky: Satellites, streets and receiver that the logs have raw ranges from: a preset such as
+            ``suburban``, or options over one; None for logs without ranges.
     """
 
     type: Literal["simulated"]
     profile: Annotated[str, AfterValidator(_known_profile)] = "mixed"
     duration_s: Positive = 2400.0
     imu_rate_hz: Annotated[float, Field(gt=0, le=1000)] = 10.0
+    sky: Satellites | None = None
     drives: Count = 20
 
 
@@ -132,6 +152,11 @@ class ScenarioDrives(Section):
     durations_s: Durations = (5.0,)
 
     @property
+    def satellites(self) -> tuple[int, ...]:
+        """The scenario knows no satellites."""
+        return (0,)
+
+    @property
     def grades(self) -> tuple[str, ...]:
         """The one class of all drives."""
         return (self.scenario,)
@@ -151,12 +176,14 @@ class RecordedDrives(Section):
         aiding: Fixes and odometer to make from the reference of every drive that tells none of
             its own; the seed grows by one from drive to drive.
         durations_s: Lengths of outages; each is placed on every drive into which one fits.
+        satellites: Numbers of satellites that stay, through the same outages each.
     """
 
     type: Literal["recorded"]
     logs: Annotated[tuple[LogSource, ...], Field(min_length=1)]
     aiding: AidingSection | None = None
     durations_s: Durations = (60.0,)
+    satellites: Numbers = (0,)
 
     @property
     def grades(self) -> tuple[str, ...]:
