@@ -54,10 +54,13 @@ def sweep_and_show(
         Exit: With 1 where some drives could not be run.
     """
     from navlearn.experiment.sweep import run_sweep
+    from navlearn.outages.cells import cell_of, conditions
 
     at_once = processes or os.cpu_count() or 1
     result = run_sweep(recipe, out, processes=at_once, force=force, progress=progress)
-    cells = result.table["gyro_class"] + result.table["duration_s"].map(" {:g} s".format)
+    told = conditions(result.table)
+    rows = result.table.to_dict(orient="records")
+    cells = [f"{cell.gyro_class} {told[cell]}" for cell in map(cell_of, rows)]
     errors = result.table.assign(cell=cells).groupby(["method", "cell"], sort=False)
     table = errors["max_horizontal_error_m"].mean().unstack("cell")
     table = table.reindex(index=list(recipe.methods), columns=list(dict.fromkeys(cells)))
@@ -66,11 +69,7 @@ def sweep_and_show(
     _show_meaning(result.meaning)
     typer.echo(f"\nReport: {result.folder / 'report.md'}")
     for failure in result.failures:
-        typer.echo(
-            f"navlearn: not run: {failure.grade} seed {failure.seed}, {failure.duration:g} s: "
-            f"{failure.reason}",
-            err=True,
-        )
+        typer.echo(f"navlearn: not run: {failure.where}: {failure.reason}", err=True)
     if result.failures:
         raise typer.Exit(1)
 

@@ -79,8 +79,9 @@ class FilterRuns:
                 not begin like the logs themselves.
         """
         chosen = filter_options(self.recipe, log=log) if options is None else options
-        # By what is in it: a log that lacks one more fix must not get the run of another.
-        key = (repr(chosen), log_fingerprint(log))
+        # By what is in it: a log that lacks one more fix must not get the run of another. Raw
+        # ranges are nothing to this filter, whichever satellites stay.
+        key = (repr(chosen), log_fingerprint(replace(log, ranges=None)))
         alike = (key[0], series)
         if key not in self._made:
             navigator = Navigator(NavigatorOptions(filter=chosen))

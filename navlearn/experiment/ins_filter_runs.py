@@ -123,7 +123,8 @@ class InsFilterRuns:
             options: Which filter; None is the recipe's honest one.
         """
         chosen = ins_filter_options(self.recipe, log=log) if options is None else options
-        key = (repr(chosen), log_fingerprint(log))
+        # Raw ranges are nothing to this filter, whichever satellites stay.
+        key = (repr(chosen), log_fingerprint(replace(log, ranges=None)))
         if key not in self._made:
             navigator = InsNavigator(InsNavigatorOptions(filter=chosen))
             line = imu_timeline_of(log, self.recipe)

@@ -27,6 +27,7 @@ from navlearn.experiment.run import check_recipe
 from navlearn.experiment.sweep_jobs import (
     Failure,
     SweepJob,
+    failure,
     read_rows,
     rows_file,
     run_job,
@@ -36,6 +37,7 @@ from navlearn.experiment.sweep_summary import sweep_summary
 from navlearn.outages.output import prepare_output_folder
 from navlearn.outages.sweep_report import sweep_content, table_of, write_sweep_report
 from navlearn.recipe.sweep import SweepRecipe
+from navlearn.recipe.swept_drives import Conditions
 
 TIME = "time.json"
 FAILURES = "failures.json"
@@ -60,11 +62,11 @@ class SweepResult:
 
 @dataclass(frozen=True, kw_only=True)
 class _Part:
-    """One drive at one length of outages, and the file with its rows."""
+    """One drive under one kind of outages, and the file with its rows."""
 
     grade: str
     seed: int
-    duration: float
+    kind: Conditions
     file: Path
 
 
@@ -140,13 +142,13 @@ def _parts(recipe: SweepRecipe, folder: Path, sources: Sources) -> list[_Part]:
         _Part(
             grade=grade,
             seed=seed,
-            duration=duration,
-            file=folder / rows_file(recipe, grade, seed, duration, sources[seed, duration]),
+            kind=kind,
+            file=folder / rows_file(recipe, grade, seed, kind, sources[seed, kind.duration]),
         )
         for grade in recipe.sweep.grades
-        for duration in recipe.sweep.durations_s
+        for kind in recipe.conditions
         for seed in recipe.sweep.seeds
-        if (seed, duration) in sources
+        if (seed, kind.duration) in sources
     ]
 
 
@@ -160,7 +162,7 @@ def _run_all(
     for seed, k in drives:
         grade = recipe.sweep.grades[k]
         mine = [part for part in missing if (part.grade, part.seed) == (grade, seed)]
-        files = {part.duration: part.file for part in mine}
+        files = {part.kind: part.file for part in mine}
         jobs.append(SweepJob(recipe=recipe, grade=grade, seed=seed, files=files))
     each, failures = recipe.outages.count, list[Failure]()
     with tqdm(
@@ -199,8 +201,8 @@ def _run_in_processes(
             except BrokenProcessPool:
                 reason = "its process, or one beside it, was ended from outside; run it again"
                 failed = [
-                    Failure(grade=job.grade, seed=job.seed, duration=duration, reason=reason)
-                    for duration, file in job.files.items()
+                    failure(job, kind, reason)
+                    for kind, file in job.files.items()
                     if not file.exists()
                 ]
             done(job, failed)

@@ -22,13 +22,14 @@ from navlearn.experiment.methods import build_methods
 from navlearn.experiment.oracles import truth_for
 from navlearn.experiment.run import digest_of
 from navlearn.experiment.sweep_drives import gyro_class, make_drive
-from navlearn.experiment.timed_method import timed
+from navlearn.experiment.timed_method import TimedMethod, timed
 from navlearn.logs.drive_log import DriveLog
 from navlearn.logs.formats.csv_tables import read_frame
 from navlearn.logs.sensor_truth import SensorTruth
 from navlearn.outages.replay import replay
 from navlearn.outages.tables import write_outages_csv
 from navlearn.recipe.sweep import SweepRecipe
+from navlearn.recipe.swept_drives import Conditions
 
 CPU = "cpu_s"
 """Column with the processor time that a method took for an outage, s."""
@@ -42,14 +43,14 @@ class SweepJob:
         recipe: The sweep.
         grade: Sensor grade of the drive.
         seed: Its seed.
-        files: Where the rows of each length of outages go, by that length; those that are
-            there already are left out.
+        files: Where the rows of each length of outages and number of satellites go; those that
+            are there already are left out.
     """
 
     recipe: SweepRecipe
     grade: str
     seed: int
-    files: Mapping[float, Path]
+    files: Mapping[Conditions, Path]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,39 +61,50 @@ class Failure:
         grade: Sensor grade of the drive.
         seed: Its seed.
         duration: Length of the outages, s.
+        satellites: How many stay.
         reason: Why.
     """
 
     grade: str
     seed: int
     duration: float
+    satellites: int
     reason: str
 
+    @property
+    def where(self) -> str:
+        """The drive and its outages, in words."""
+        stay = f", {self.satellites} satellites" if self.satellites else ""
+        return f"{self.grade} seed {self.seed}, {self.duration:g} s{stay}"
 
-def rows_file(recipe: SweepRecipe, grade: str, seed: int, duration: float, source: str) -> str:
+
+def rows_file(recipe: SweepRecipe, grade: str, seed: int, kind: Conditions, source: str) -> str:
     """Return the name of the file with a drive's rows; another setting gives another name.
 
     Args:
         recipe: The sweep.
         grade: Sensor grade of the drive.
         seed: Its seed.
-        duration: Length of the outages, s.
+        kind: Its outages.
         source: What the drives are made of: a hash of the real log, or nothing.
     """
     content = recipe.model_dump(mode="json", exclude={"name", "question"})
     for key in ("filter_by_grade", "ins_filter_by_grade"):
         content[key] = content[key].get(grade, {})
     # How many drives there are does not change any of them.
-    for key in ("grades", "drives", "first_seed", "durations_s", "log", "logs", "aiding"):
+    shared = ("grades", "drives", "first_seed", "durations_s", "satellites")
+    for key in (*shared, "log", "logs", "aiding"):
         content["sweep"].pop(key, None)
     what = {
         "version": navlearn.__version__,
         "recipe": content,
         "trained": [digest_of(path) for spec in recipe.models for path in spec.files()],
-        "drive": [grade, seed, duration, source],
+        # The most that stay anywhere decide which outages are scored.
+        "drive": [grade, seed, *kind, max(recipe.sweep.satellites), source],
     }
     key = hashlib.sha256(json.dumps(what, sort_keys=True, default=str).encode()).hexdigest()[:16]
-    return f"{grade}_{seed}-{duration:g}s-{key}.csv"
+    stay = f"-{kind.satellites}" if max(recipe.sweep.satellites) else ""
+    return f"{grade}_{seed}-{kind.duration:g}s{stay}-{key}.csv"
 
 
 def run_job(job: SweepJob) -> list[Failure]:
@@ -113,35 +125,44 @@ def run_job(job: SweepJob) -> list[Failure]:
         try:
             log, truth = make_drive(job.recipe, job.grade, job.seed)
         except Exception as problem:
-            return [_failure(job, duration, problem) for duration in job.files]
-        for duration, file in job.files.items():
+            return [failure(job, kind, problem) for kind in job.files]
+        methods: dict[str, TimedMethod] = {}
+        length = None
+        for kind, file in job.files.items():
+            # What lies before an outage is the same whichever satellites stay through it.
+            methods, length = methods if kind.duration == length else {}, kind.duration
             try:
-                write_rows(file, outage_rows(job, log, truth, duration))
+                write_rows(file, outage_rows(job, log, truth, kind, methods))
             except Exception as problem:
-                failures.append(_failure(job, duration, problem))
+                failures.append(failure(job, kind, problem))
     return failures
 
 
 def outage_rows(
-    job: SweepJob, log: DriveLog, truth: SensorTruth | None, duration: float
+    job: SweepJob,
+    log: DriveLog,
+    truth: SensorTruth | None,
+    kind: Conditions,
+    methods: dict[str, TimedMethod] | None = None,
 ) -> pd.DataFrame:
-    """Return the rows of a drive at one length of outages.
+    """Return the rows of a drive at one length of outages and one number of satellites.
 
     Args:
         job: The drive.
         log: Its log.
         truth: What a simulation knows of its gyro.
-        duration: Length of the outages, s.
+        kind: The outages.
+        methods: Methods of the drive at the same length, so that what they worked out before an
+            outage need not be worked out again; an empty one is filled.
     """
-    recipe = job.recipe.for_drive(log.metadata.name, duration, job.grade)
+    recipe = job.recipe.for_drive(log.metadata.name, kind.duration, job.grade, kind.satellites)
     torch.manual_seed(recipe.seed)
     ready = prepare_log(log, recipe)
-    knows = truth_for(recipe, ready.log, truth)
-    runs = FilterRuns(recipe, growing=True)
-    methods = {
-        name: timed(method)
-        for name, method in build_methods(recipe, truth=knows, runs=runs).items()
-    }
+    methods = {} if methods is None else methods
+    if not methods:
+        knows, runs = truth_for(recipe, ready.log, truth), FilterRuns(recipe, growing=True)
+        built = build_methods(recipe, truth=knows, runs=runs)
+        methods |= {name: timed(method) for name, method in built.items()}
     found = replay(ready.log, ready.placement.outages, methods, batched=True, progress=False)
     spent = [
         methods[name].spent.get(start, float("nan"))
@@ -173,6 +194,18 @@ def read_rows(file: Path) -> pd.DataFrame:
     return table.assign(**empty)
 
 
-def _failure(job: SweepJob, duration: float, problem: Exception) -> Failure:
-    reason = f"{type(problem).__name__}: {problem}"
-    return Failure(grade=job.grade, seed=job.seed, duration=duration, reason=reason)
+def failure(job: SweepJob, kind: Conditions, problem: Exception | str) -> Failure:
+    """Return what could not be run of a job, and why.
+
+    Args:
+        job: The job.
+        kind: Which of its outages.
+        problem: Why.
+    """
+    told = isinstance(problem, str)
+    return Failure(
+        grade=job.grade,
+        seed=job.seed,
+        **kind._asdict(),
+        reason=str(problem) if told else f"{type(problem).__name__}: {problem}",
+    )

@@ -10,6 +10,7 @@ from navlearn.experiment.sweep_drives import gyro_class
 from navlearn.experiment.sweep_jobs import CPU, Failure
 from navlearn.logs.synthetic.grades import find_grade
 from navlearn.logs.synthetic.jaradat2017 import GRADE as SCENARIO_GRADE
+from navlearn.outages.naming import counted
 from navlearn.outages.run_summary import MethodSummary
 from navlearn.outages.sweep_summary import SweepCell, SweepSummary
 from navlearn.recipe.fixed_methods import FIXED_METHODS
@@ -48,14 +49,29 @@ def sweep_summary(
         published=tuple(one.table() for one in recipe.published),
         metric=recipe.metric,
         baseline=next(iter(recipe.baselines), "ekf"),
+        also_against=recipe.baselines[1:2],
         setup=(
             f"outages: {recipe.outages.count} per drive and length, placed by "
             f"`{recipe.outages.placement}`, none before {recipe.outages.warm_up_s:g} s",
+            *_satellites(recipe),
             *filter_and_training(recipe.for_drive("any", sweep.durations_s[0])),
             *_filters_of_grades(recipe),
             *_clocks(recipe),
             *(f"left out, because no outage fits: {one}" for one in left_out),
         ),
+    )
+
+
+def _satellites(recipe: SweepRecipe) -> tuple[str, ...]:
+    """Return by which rule satellites stay, nothing where none does."""
+    most, rules = max(recipe.sweep.satellites), recipe.outages
+    if most == 0:
+        return ()
+    return (
+        f"satellites: those that stay are chosen by `{rules.visible}` among those in the last "
+        f"reception before an outage that stand {rules.min_elevation_deg:g}° high or more and are "
+        f"in at least {100.0 * rules.min_tracked:g} % of the receptions through it; scored are the "
+        f"outages in which {most} could stay, the same ones for every number",
     )
 
 
@@ -88,13 +104,14 @@ def _clocks(recipe: SweepRecipe) -> tuple[str, ...]:
 def _cells(recipe: SweepRecipe, rows: pd.DataFrame) -> tuple[SweepCell, ...]:
     cells = []
     for grade in recipe.sweep.grades:
-        for duration in recipe.sweep.durations_s:
-            mine = (rows["gyro_class"] == gyro_class(grade)) & (rows["duration_s"] == duration)
+        for kind in recipe.conditions:
+            mine = rows["gyro_class"] == gyro_class(grade)
+            mine &= rows["duration_s"] == kind.duration
+            mine &= rows["satellites"] == kind.satellites
             drives = tuple(str(name) for name in rows.loc[mine, "drive"].unique())
             if drives:
-                cells.append(
-                    SweepCell(gyro_class=gyro_class(grade), duration=duration, drives=drives)
-                )
+                cell = SweepCell(gyro_class=gyro_class(grade), drives=drives, **kind._asdict())
+                cells.append(cell)
     return tuple(cells)
 
 
@@ -128,15 +145,16 @@ def _origin(recipe: SweepRecipe) -> str:
             if any(sweep.source(number).aiding is not None for number in sweep.seeds)
             else ""
         )
-        return f"{sweep.drives} recorded drives{made}."
+        return f"{counted(sweep.drives, 'recorded drive')}{made}."
     first, last = sweep.seeds[0], sweep.seeds[-1]
     seeds = f"seeds {first} to {last}" if sweep.drives > 1 else f"seed {first}"
     if isinstance(sweep, ScenarioDrives):
         return f"Simulated: the scenario of [Jaradat2017] §IV, {sweep.drives} draws, {seeds}."
     if isinstance(sweep, SimulatedDrives):
+        sky = "" if sweep.sky is None else f", ranges under the sky `{sweep.sky}`"
         return (
             f"Simulated drives: {sweep.drives} per class of {sweep.duration_s:g} s, profile "
-            f"`{sweep.profile}`, {seeds}; the roads are the same for every class."
+            f"`{sweep.profile}`{sky}, {seeds}; the roads are the same for every class."
         )
     source = sweep.log.descriptor or sweep.log.path
     name = source.stem if source is not None else "a real drive"
@@ -149,7 +167,5 @@ def _origin(recipe: SweepRecipe) -> str:
 def _failed(failures: Sequence[Failure]) -> tuple[str, ...]:
     if not failures:
         return ()
-    told = "; ".join(
-        f"{one.grade} seed {one.seed}, {one.duration:g} s: {one.reason}" for one in failures
-    )
+    told = "; ".join(f"{one.where}: {one.reason}" for one in failures)
     return (f"**Not run** ({len(failures)}), and not in the figures: {told}.",)

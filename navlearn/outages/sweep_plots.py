@@ -1,4 +1,4 @@
-"""Figure of a sweep: what every method gains, one panel per class and duration."""
+"""Figure of a sweep: what every method gains, one panel per cell."""
 
 import math
 from pathlib import Path
@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 
 from navlearn.outages.canvas import INK, new_figure, save, styles, tidy
+from navlearn.outages.cells import Cell, cell_of, conditions
 from navlearn.outages.roles import Role, oracles_last
 from navlearn.outages.statistics import MARGIN_PERCENT
 
@@ -39,24 +40,26 @@ def plot_improvements(path: Path, table: pd.DataFrame) -> Path:
     """
     compared = table[np.isfinite(table["improvement_percent"].astype(float))]
     methods = oracles_last(compared["method"].unique())
-    classes = list(dict.fromkeys(table["gyro_class"]))
-    durations = sorted(dict.fromkeys(table["duration_s"]))
+    told = conditions(table)
+    classes = list(dict.fromkeys(cell.gyro_class for cell in told))
+    across = list(dict.fromkeys((cell.duration, cell.satellites) for cell in told))
+    across.sort(key=lambda one: (one[0], -one[1]))
     height = 1.1 + len(classes) * (0.5 + 0.25 * max(len(methods), 2))
-    figure = new_figure(2.2 + 4.0 * len(durations), height)
-    panels = figure.subplots(len(classes), len(durations), squeeze=False, sharex=True, sharey=True)
+    figure = new_figure(2.2 + (4.0 if len(across) < 4 else 2.8) * len(across), height)
+    panels = figure.subplots(len(classes), len(across), squeeze=False, sharex=True, sharey=True)
     look = styles(methods)
     left = max(FARTHEST, 1.1 * min(0.0, _smallest(compared)) - 5.0)
     for row, gyro_class in zip(panels, classes, strict=True):
-        for axes, duration in zip(row, durations, strict=True):
-            part = compared[
-                (compared["gyro_class"] == gyro_class) & (compared["duration_s"] == duration)
-            ]
+        for axes, (duration, satellites) in zip(row, across, strict=True):
+            cell = Cell(gyro_class, duration, satellites)
+            part = compared[[cell_of(line) == cell for _, line in compared.iterrows()]]
             axes.axvspan(MARGIN_PERCENT, 0.0, color=SHADE, linewidth=0.0, zorder=0)
             axes.axvline(0.0, color=INK, linewidth=0.9, zorder=1)
             for _, line in part.iterrows():
                 _gain(axes, -methods.index(line["method"]), line, look[line["method"]][0], left)
             tidy(axes)
-            axes.set_title(f"{gyro_class}, {duration:g} s", color=INK, fontsize=10)
+            words = told.get(cell, f"{duration:g} s")
+            axes.set_title(f"{gyro_class}, {words}", color=INK, fontsize=10)
             if part.empty:
                 axes.text(0.5, 0.5, "not run", transform=axes.transAxes, ha="center", color=INK)
     panels[0, 0].set_xlim(left, 105.0)

@@ -8,21 +8,26 @@ import pandas as pd
 
 from navlearn.errors import ConfigError
 from navlearn.outages.canvas import plots_possible
+from navlearn.outages.cells import KEYS, are_partial, cells_of
 from navlearn.outages.output import OutputFolder
+from navlearn.outages.satellite_plots import plot_by_satellites
+from navlearn.outages.satellite_tables import satellite_table
 from navlearn.outages.sweep_plots import plot_improvements
 from navlearn.outages.sweep_summary import SweepSummary
-from navlearn.outages.sweep_tables import KEYS, sweep_table
+from navlearn.outages.sweep_tables import sweep_table
 from navlearn.outages.sweep_text import sweep_text
 from navlearn.outages.sweep_wording import sweep_meaning, sweep_warnings
 from navlearn.outages.tables import without_nan, write_outages_csv
 
 PICTURE = "improvement.png"
+BY_SATELLITES = "satellites.png"
 
 
 def write_sweep_report(output: OutputFolder, summary: SweepSummary) -> SweepSummary:
-    """Write ``outages.csv``, ``cells.csv``, ``summary.json``, the figure and ``report.md``.
+    """Write ``outages.csv``, ``cells.csv``, ``summary.json``, the figures and ``report.md``.
 
-    Without matplotlib the figure is left out, with a warning.
+    Where satellites stay through outages, ``satellites.csv`` too. Without matplotlib the figures
+    are left out, with a warning.
 
     Args:
         output: The sweep's folder.
@@ -39,18 +44,13 @@ def write_sweep_report(output: OutputFolder, summary: SweepSummary) -> SweepSumm
     table = table_of(summary)
     write_outages_csv(output.claim("outages.csv"), summary.rows)
     table.to_csv(output.claim("cells.csv"), index=False, lineterminator="\n")
+    by_satellites = satellites_of(summary)
+    if by_satellites is not None:
+        file = output.claim("satellites.csv")
+        by_satellites.to_csv(file, index=False, lineterminator="\n")
     if plots_possible():
-        plot_improvements(output.claim(PICTURE), table)
-        summary = replace(
-            summary,
-            figures={
-                PICTURE: "Improvement of the mean error over "
-                f"`{summary.baseline}` with its 95 % interval, by class and duration. Dots: "
-                "learned; squares: baselines; diamonds: post-processing; grey bars: oracles, which "
-                "no car can be. The shaded strip is the margin within which a method counts as "
-                "harmless; arrows tell figures farther to the left."
-            },
-        )
+        figures = _drawn(output, summary, table, by_satellites)
+        summary = replace(summary, figures=figures)
     else:
         warnings.warn(
             "no figure was drawn: matplotlib is missing; pip install 'navlearn[report]'",
@@ -58,8 +58,50 @@ def write_sweep_report(output: OutputFolder, summary: SweepSummary) -> SweepSumm
         )
     content = json.dumps(without_nan(sweep_content(summary, table)), indent=2, ensure_ascii=False)
     output.claim("summary.json").write_text(content + "\n", encoding="utf-8")
-    output.claim("report.md").write_text(sweep_text(summary, table), encoding="utf-8")
+    text = sweep_text(summary, table, by_satellites)
+    output.claim("report.md").write_text(text, encoding="utf-8")
     return summary
+
+
+def _drawn(
+    output: OutputFolder,
+    summary: SweepSummary,
+    table: pd.DataFrame,
+    by_satellites: pd.DataFrame | None,
+) -> dict[str, str]:
+    """Draw the figures, and return their captions by file name."""
+    plot_improvements(output.claim(PICTURE), table)
+    captions = {
+        PICTURE: f"Improvement of the mean error over `{summary.baseline}` with its 95 % interval, "
+        "by class and duration. Dots: learned; squares: baselines; diamonds: post-processing; grey "
+        "bars: oracles, which no car can be. The shaded strip is the margin within which a method "
+        "counts as harmless; arrows tell figures farther to the left."
+    }
+    if by_satellites is not None:
+        plot_by_satellites(output.claim(BY_SATELLITES), by_satellites)
+        captions[BY_SATELLITES] = (
+            "Mean error over the outages against the number of satellites that stay; bars: 95 % "
+            "interval of the mean. Intervals of one method overlap more easily than the paired "
+            "comparison in the table allows to say."
+        )
+    return captions
+
+
+def satellites_of(summary: SweepSummary) -> pd.DataFrame | None:
+    """Return the table by number of satellites, None where all GNSS is always gone.
+
+    Args:
+        summary: The sweep.
+    """
+    if not are_partial(summary.rows):
+        return None
+    return satellite_table(
+        summary.rows,
+        summary.methods,
+        (summary.baseline, *summary.also_against),
+        resamples=summary.resamples,
+        seed=summary.bootstrap_seed,
+    )
 
 
 def rows_by_cell(summary: SweepSummary) -> pd.DataFrame:
@@ -75,23 +117,24 @@ def rows_by_cell(summary: SweepSummary) -> pd.DataFrame:
     missing = [name for name in KEYS if name not in rows.columns]
     if missing:
         raise ConfigError(f"sweep: the rows lack {missing}; add them to what a replay returned")
-    parts = []
-    for cell in summary.cells:
-        part = rows[(rows[KEYS[0]] == cell.gyro_class) & (rows[KEYS[1]] == cell.duration)]
-        if part.empty:
+    found = dict(cells_of(rows))
+    stated = [cell.key for cell in summary.cells]
+    for key in stated:
+        if key not in found:
             raise ConfigError(
-                f"sweep: no rows of class {cell.gyro_class} at {cell.duration:g} s; run that cell "
-                "or leave it out"
+                f"sweep: no rows of class {key.gyro_class} at {key.duration:g} s with "
+                f"{key.satellites} satellites; run that cell or leave it out"
             )
-        parts.append(part)
-    if sum(len(part) for part in parts) != len(rows):
-        stated = [(cell.gyro_class, cell.duration) for cell in summary.cells]
-        raise ConfigError(f"sweep: some rows belong to no cell, or to two; the cells are {stated}")
-    return pd.concat(parts, ignore_index=True)
+    if len(stated) != len(set(stated)) or len(stated) != len(found):
+        raise ConfigError(
+            "sweep: some rows belong to no cell, or to two; the cells are "
+            f"{[tuple(key) for key in stated]}"
+        )
+    return pd.concat([found[key] for key in stated], ignore_index=True)
 
 
 def table_of(summary: SweepSummary) -> pd.DataFrame:
-    """Return the table of a sweep, a line per class, duration and method.
+    """Return the table of a sweep, a line per cell and method.
 
     Args:
         summary: The sweep.
@@ -113,6 +156,8 @@ def sweep_content(summary: SweepSummary, table: pd.DataFrame) -> dict[str, objec
         summary: The sweep.
         table: Its table.
     """
+    by_satellites = satellites_of(summary)
+    told = [] if by_satellites is None else by_satellites.to_dict(orient="records")
     return {
         "title": summary.title,
         "question": summary.question,
@@ -129,6 +174,7 @@ def sweep_content(summary: SweepSummary, table: pd.DataFrame) -> dict[str, objec
         "methods": {name: asdict(about) for name, about in summary.methods.items()},
         "cells": [asdict(cell) for cell in summary.cells],
         "lines": table.to_dict(orient="records"),
+        "by_satellites": told,
         "published": [asdict(one) for one in summary.published],
         "figures": dict(summary.figures),
     }

@@ -1,10 +1,11 @@
-"""What a sweep over sensor classes and durations hands to its report."""
+"""What a sweep over classes of sensors, durations and satellites hands to its report."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import pandas as pd
 
+from navlearn.outages.cells import Cell
 from navlearn.outages.published import PublishedTable
 from navlearn.outages.run_summary import MethodSummary
 from navlearn.outages.statistics import HEADLINE
@@ -12,19 +13,26 @@ from navlearn.outages.statistics import HEADLINE
 
 @dataclass(frozen=True, kw_only=True)
 class SweepCell:
-    """One class of gyros at one duration of outages.
+    """One class of gyros at one duration of outages and one number of satellites.
 
     Attributes:
         gyro_class: Name of the class, as in the rows' column ``gyro_class``.
         duration: Length of its outages, s, as in the rows' column ``duration_s``.
         drives: Names of its drives, as in the rows' column ``drive``.
         remark: What else is to be known of it, such as which drive the gyro was put on.
+        satellites: Satellites whose ranges stay, as in the rows' column ``satellites``.
     """
 
     gyro_class: str
     duration: float
     drives: tuple[str, ...]
     remark: str = ""
+    satellites: int = 0
+
+    @property
+    def key(self) -> Cell:
+        """What its outages have in common."""
+        return Cell(self.gyro_class, self.duration, self.satellites)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,6 +55,7 @@ class SweepSummary:
         wall_clock: Time the whole sweep took, s.
         processes: How many ran at once.
         baseline: Method that the others are compared with.
+        also_against: Further ones, in the table by number of satellites.
         metric: Column by which methods are compared.
         resamples: Bootstrap draws.
         bootstrap_seed: Of the draws.
@@ -68,6 +77,7 @@ class SweepSummary:
     wall_clock: float | None = None
     processes: int = 1
     baseline: str = "ekf"
+    also_against: tuple[str, ...] = ()
     metric: str = HEADLINE
     resamples: int = 5000
     bootstrap_seed: int = 0

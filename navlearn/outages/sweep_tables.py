@@ -1,13 +1,14 @@
-"""Tables over classes of gyros and durations: one line per method in each cell of a sweep."""
+"""Tables over the cells of a sweep: one line per method in each."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import fields
 
 import pandas as pd
 
 from navlearn.errors import ConfigError
 from navlearn.outages.acting import acting
+from navlearn.outages.cells import KEYS, cell_of, cells_of, conditions
 from navlearn.outages.markdown import markdown_table, number, signed
 from navlearn.outages.oracle_share import share_columns, share_of_columns
 from navlearn.outages.roles import ORACLE, role_of, verdict_words
@@ -20,9 +21,6 @@ from navlearn.outages.statistics import (
     compare_columns,
     error_table,
 )
-
-KEYS = ("gyro_class", "duration_s")
-"""Columns whose values tell cells apart."""
 
 COLUMNS = (
     *(*KEYS, "method", "role", "drives", "outages", "failed", "mean", "median", "p90"),
@@ -43,7 +41,7 @@ def sweep_table(
     resamples: int = 5000,
     seed: int = 0,
 ) -> pd.DataFrame:
-    """Return one line per class, duration and method.
+    """Return one line per cell and method.
 
     Args:
         rows: Tables of outages of all cells, as ``outages.csv``, with ``gyro_class``.
@@ -55,8 +53,8 @@ def sweep_table(
         seed: Of the draws.
 
     Returns:
-        ``gyro_class``, ``duration_s``, ``method``, ``role``, ``drives``; ``outages``, ``failed``,
-        ``mean``, ``median``, ``p90``; the fields of
+        ``gyro_class``, ``duration_s``, ``satellites``, ``method``, ``role``, ``drives``;
+        ``outages``, ``failed``, ``mean``, ``median``, ``p90``; the fields of
         :class:`~navlearn.outages.statistics.Comparison` against the baseline, but failures of
         the method alone are ``failed_alone``; the columns of
         :func:`~navlearn.outages.oracle_share.share_columns`; ``acted`` in how many of ``asked``
@@ -69,20 +67,19 @@ def sweep_table(
     _check(rows, methods)
     drawn: Intervals = {"confidence": confidence, "resamples": resamples, "seed": seed}
     table: list[dict[str, object]] = []
-    for (gyro_class, duration), part in cells_of(rows):
+    for cell, part in cells_of(rows):
         errors = error_table(part, metric)
         if baseline not in errors.columns:
             raise ConfigError(
-                f"sweep: class {gyro_class} at {duration:g} s has no method {baseline!r} to "
-                f"compare with; there are {list(errors.columns)}"
+                f"sweep: class {cell.gyro_class} at {conditions(rows)[cell]} has no method "
+                f"{baseline!r} to compare with; there are {list(errors.columns)}"
             )
         of_method = dict(list(part.groupby("method", sort=False)))
         for name in (name for name in methods if name in of_method):
             mine = of_method[name]
             table.append(
                 {
-                    "gyro_class": gyro_class,
-                    "duration_s": duration,
+                    **dict(zip(KEYS, cell, strict=True)),
                     "method": name,
                     "role": role_of(name, methods[name].regime),
                     "drives": mine["drive"].nunique(),
@@ -110,31 +107,19 @@ def _acting(rows: pd.DataFrame, name: str) -> dict[str, object]:
     return {} if verdicts is None else dict(vars(verdicts))
 
 
-def cells_of(rows: pd.DataFrame) -> Iterator[tuple[tuple[str, float], pd.DataFrame]]:
-    """Yield class and duration of each cell with its rows, in the order of the rows.
-
-    Args:
-        rows: Tables of outages of all cells.
-    """
-    for _, part in rows.groupby(list(KEYS), sort=False):
-        first = part.iloc[0]
-        yield (str(first["gyro_class"]), float(first["duration_s"])), part
-
-
 def overview_markdown(table: pd.DataFrame) -> str:
     """Return the improvement of every method in every cell, with its interval, as Markdown.
 
     Args:
         table: What :func:`sweep_table` returned.
     """
-    cells = list(dict.fromkeys(zip(table["gyro_class"], table["duration_s"], strict=True)))
+    told = conditions(table)
     lines = []
     for name in table["method"].unique():
-        mine = table[table["method"] == name].set_index(list(KEYS))
-        lines.append(
-            [str(name), *(_gain(mine.loc[cell]) if cell in mine.index else "" for cell in cells)]
-        )
-    return markdown_table(("method", *(f"{name}, {span:g} s" for name, span in cells)), lines)
+        mine = {cell_of(line): _gain(line) for _, line in table[table["method"] == name].iterrows()}
+        lines.append([str(name), *(mine.get(cell, "") for cell in told)])
+    header = ("method", *(f"{cell.gyro_class}, {words}" for cell, words in told.items()))
+    return markdown_table(header, lines)
 
 
 def cell_markdown(part: pd.DataFrame) -> str:

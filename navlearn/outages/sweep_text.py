@@ -3,25 +3,30 @@
 import pandas as pd
 
 from navlearn.outages.acting import safeguard_section
+from navlearn.outages.cells import cells_of, conditions
 from navlearn.outages.markdown import one_line
 from navlearn.outages.naming import counted
 from navlearn.outages.published import published_section
 from navlearn.outages.report_methods import described
+from navlearn.outages.satellite_tables import satellite_section
 from navlearn.outages.statistics import FEWEST_UNITS, MARGIN_PERCENT
 from navlearn.outages.sweep_summary import SweepCell, SweepSummary
-from navlearn.outages.sweep_tables import KEYS, cell_markdown, overview_markdown
+from navlearn.outages.sweep_tables import cell_markdown, overview_markdown
 from navlearn.outages.sweep_wording import sweep_meaning, sweep_warnings
 from navlearn.outages.wording import MARGIN_WHY, percent
 
 COMPETING = ("baseline", "learned")
 
 
-def sweep_text(summary: SweepSummary, table: pd.DataFrame) -> str:
+def sweep_text(
+    summary: SweepSummary, table: pd.DataFrame, by_satellites: pd.DataFrame | None = None
+) -> str:
     """Return the report of a sweep as Markdown.
 
     Args:
         summary: The sweep.
         table: Its table.
+        by_satellites: Its table by number of satellites, where some stay.
     """
     sections = [
         f"# {summary.title}\n",
@@ -29,6 +34,8 @@ def sweep_text(summary: SweepSummary, table: pd.DataFrame) -> str:
         f"**Question.** {summary.question}\n",
         "## What this means\n",
         *(f"- {line}" for line in sweep_meaning(summary, table)),
+        *(["", *satellite_section(by_satellites)] if by_satellites is not None else []),
+        *(published_section(summary.published) if by_satellites is not None else []),
         "\n## Improvement at a glance\n",
         f"Percent of the mean `{summary.metric}` of `{summary.baseline}`, with the 95 % interval; "
         f"of `{summary.baseline}` itself the mean. Methods that learn and baselines:\n",
@@ -38,7 +45,7 @@ def sweep_text(summary: SweepSummary, table: pd.DataFrame) -> str:
         "\n## Class by class\n",
         _how(table),
         *(_cell(summary, table, cell) for cell in summary.cells),
-        *published_section(summary.published),
+        *(published_section(summary.published) if by_satellites is None else []),
         "\n## Methods\n",
         *described(summary.methods),
         *safeguard_section(summary.rows, list(summary.methods)),
@@ -77,14 +84,13 @@ def _how(table: pd.DataFrame) -> str:
 
 
 def _cell(summary: SweepSummary, table: pd.DataFrame, cell: SweepCell) -> str:
-    part = table[(table[KEYS[0]] == cell.gyro_class) & (table[KEYS[1]] == cell.duration)]
-    shown = [f"### {cell.gyro_class}, {cell.duration:g} s\n"]
+    part = dict(cells_of(table))[cell.key]
+    shown = [f"### {cell.gyro_class}, {conditions(table)[cell.key]}\n"]
     said = [summary.classes.get(cell.gyro_class, ""), cell.remark]
     words = " ".join(f"{one[0].upper()}{one[1:].rstrip('.')}." for one in said if one)
     count = f"{counted(len(cell.drives), 'drive')}: {', '.join(cell.drives)}."
-    rows = summary.rows
-    here = (rows[KEYS[0]] == cell.gyro_class) & (rows[KEYS[1]] == cell.duration)
-    lost = [name for name in cell.drives if name not in set(rows.loc[here, "drive"])]
+    scored = set(dict(cells_of(summary.rows))[cell.key]["drive"])
+    lost = [name for name in cell.drives if name not in scored]
     count += f" No outage of {', '.join(lost)} was scored." if lost else ""
     shown += [f"{words} {count}".lstrip() + "\n", cell_markdown(_of(part, *COMPETING))]
     for role, heading in (

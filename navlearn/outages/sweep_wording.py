@@ -5,6 +5,7 @@ from collections.abc import Mapping
 
 import pandas as pd
 
+from navlearn.outages.cells import Cell, cell_of, cells_of, conditions
 from navlearn.outages.leaks import leak_warnings
 from navlearn.outages.naming import counted, with_unit
 from navlearn.outages.oracle_share import why_no_share
@@ -12,7 +13,6 @@ from navlearn.outages.roles import ORACLE, from_paper, having, real_time
 from navlearn.outages.run_summary import MethodSummary
 from navlearn.outages.statistics import MARGIN_PERCENT
 from navlearn.outages.sweep_summary import SweepSummary
-from navlearn.outages.sweep_tables import KEYS, cells_of
 from navlearn.outages.wording import percent
 
 GROUPS = ("helps", "harmless", "harms", "no evidence")
@@ -40,28 +40,29 @@ def sweep_warnings(summary: SweepSummary) -> list[str]:
     Args:
         summary: The sweep.
     """
+    told = conditions(summary.rows)
     return [
         line
-        for (gyro_class, duration), part in cells_of(summary.rows)
+        for cell, part in cells_of(summary.rows)
         for line in leak_warnings(
             part,
             real_time(summary.methods),
             metric=summary.metric,
             resamples=summary.resamples,
             seed=summary.bootstrap_seed,
-            where=f"Class {gyro_class}, {duration:g} s: ",
+            where=f"Class {cell.gyro_class}, {told[cell]}: ",
         )
     ]
 
 
 def _classes(summary: SweepSummary, table: pd.DataFrame) -> list[str]:
-    lines = []
-    for (gyro_class, duration), part in cells_of(table):
+    lines, told = [], conditions(table)
+    for cell, part in cells_of(table):
         base = part[part["method"] == summary.baseline].iloc[0]
-        words = summary.classes.get(gyro_class, "")
+        words = summary.classes.get(cell.gyro_class, "")
         off_by = with_unit(base["mean"], summary.metric)
         lines.append(
-            f"**Class {gyro_class}{f' ({words})' if words else ''}, {duration:g} s** "
+            f"**Class {cell.gyro_class}{f' ({words})' if words else ''}, {told[cell]}** "
             f"({counted(base['outages'], 'outage')} of {counted(base['drives'], 'drive')}; "
             f"**{summary.baseline}** is off by {off_by} on the mean): "
             + "; ".join(_groups(part[part["role"] == "learned"]))
@@ -113,7 +114,7 @@ def _bounds(part: pd.DataFrame) -> str:
 
 
 def _papers(methods: Mapping[str, MethodSummary], table: pd.DataFrame) -> list[str]:
-    lines = []
+    lines, told = [], conditions(table)
     for name in having(methods, "learned"):
         mine = table[(table["method"] == name) & table["verdict"].notna()]
         if not from_paper(name) or mine.empty:
@@ -123,7 +124,7 @@ def _papers(methods: Mapping[str, MethodSummary], table: pd.DataFrame) -> list[s
             ("model", "behind the safeguard") if guarded else ("own version", "without a safeguard")
         )
         cells = "; ".join(
-            f"{_where(line)} {line['verdict']} ({percent(line['improvement_percent'])})"
+            f"{_where(line, told)} {line['verdict']} ({percent(line['improvement_percent'])})"
             for _, line in mine.iterrows()
         )
         lines.append(f"**The paper's {what} {name}**, {how}: {cells}.")
@@ -135,17 +136,21 @@ def _safeguard(methods: Mapping[str, MethodSummary], table: pd.DataFrame) -> lis
     mine = table[table["method"].isin(guarded) & table["improvement_percent"].notna()]
     if mine.empty:
         return []
-    margin = percent(MARGIN_PERCENT)
+    margin, told = percent(MARGIN_PERCENT), conditions(table)
     worse = mine[mine["improvement_percent"] < MARGIN_PERCENT]
     if worse.empty:
         line = mine.iloc[int(mine["improvement_percent"].to_numpy(dtype=float).argmin())]
         return [
             f"**The safeguard holds**: no safeguarded method is worse than {margin} on the mean "
-            f"in any class. The worst is **{line['method']}** in {_where(line)} with "
+            f"in any class. The worst is **{line['method']}** in {_where(line, told)} with "
             f"{percent(line['improvement_percent'])}."
         ]
     cases = "; ".join(
-        f"**{name}** in " + ", ".join(_where_and_gain(line) for _, line in lines.iterrows())
+        f"**{name}** in "
+        + ", ".join(
+            f"{_where(line, told)} ({percent(line['improvement_percent'])})"
+            for _, line in lines.iterrows()
+        )
         for name, lines in worse.groupby("method", sort=False)
     )
     return [
@@ -155,11 +160,11 @@ def _safeguard(methods: Mapping[str, MethodSummary], table: pd.DataFrame) -> lis
 
 
 def _failures(table: pd.DataFrame) -> list[str]:
-    failed = table[table["failed"] > 0]
+    failed, told = table[table["failed"] > 0], conditions(table)
     if failed.empty:
         return []
     cases = "; ".join(
-        f"**{line['method']}** in {_where(line)} {line['failed']} of {line['outages']}"
+        f"**{line['method']}** in {_where(line, told)} {line['failed']} of {line['outages']}"
         for _, line in failed.iterrows()
     )
     return [
@@ -168,9 +173,6 @@ def _failures(table: pd.DataFrame) -> list[str]:
     ]
 
 
-def _where_and_gain(line: "pd.Series") -> str:
-    return f"{_where(line)} ({percent(line['improvement_percent'])})"
-
-
-def _where(line: "pd.Series") -> str:
-    return f"{line[KEYS[0]]} {line[KEYS[1]]:g} s"
+def _where(line: "pd.Series", told: Mapping[Cell, str]) -> str:
+    cell = cell_of(line)
+    return f"{cell.gyro_class} {told[cell]}"

@@ -1,4 +1,4 @@
-"""Sweeps: one question over many drives, classes of sensors and lengths of outages.
+"""Sweeps: one question over many drives, classes of sensors, lengths of outages and satellites.
 
 A sweep is a recipe with a ``sweep`` section in place of ``log``: drives that are simulated, a
 real drive with a stated gyro error added, drawn anew per seed, or several real drives.
@@ -6,7 +6,7 @@ real drive with a stated gyro error added, drawn anew per seed, or several real 
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 from pydantic import AfterValidator, Field, model_validator
 
@@ -15,15 +15,19 @@ from navlearn.recipe.experiment_base import Experiment, Titled
 from navlearn.recipe.filter_options import checked_filter, checked_ins_filter
 from navlearn.recipe.log_section import LogSource
 from navlearn.recipe.strict import parse
-from navlearn.recipe.swept_drives import SweptDrives, known_grades
+from navlearn.recipe.swept_drives import Conditions, SweptDrives, known_grades
 from navlearn.recipe.yaml_file import YamlFile, read_yaml
+
+IN_SWEEP: Final = {"duration_s": "durations_s", "satellites": "satellites"}
+"""Keys of ``outages`` in whose place a sweep has keys of its own."""
 
 
 class ManyDrives(Titled):
     """What a sweep is run on.
 
     Attributes:
-        sweep: The drives, and the lengths of outages in place of ``outages.duration_s``.
+        sweep: The drives, the lengths of outages in place of ``outages.duration_s``, and the
+            numbers of satellites in place of ``outages.satellites``.
     """
 
     sweep: SweptDrives
@@ -60,11 +64,22 @@ class SweepRecipe(Experiment, ManyDrives):
 
     @model_validator(mode="before")
     @classmethod
-    def _durations_stand_in_one_place(cls, content: Any) -> Any:
+    def _durations_and_satellites_stand_in_one_place(cls, content: Any) -> Any:
         outages = content.get("outages") if isinstance(content, dict) else None
-        if isinstance(outages, dict) and "duration_s" in outages:
-            raise ValueError("outages.duration_s: a sweep has sweep.durations_s in its place")
+        for key, place in IN_SWEEP.items():
+            if isinstance(outages, dict) and key in outages:
+                raise ValueError(f"outages.{key}: a sweep has sweep.{place} in its place")
         return content
+
+    @model_validator(mode="after")
+    def _as_many_are_listed(self) -> "SweepRecipe":
+        listed, most = self.outages.visible_satellites, max(self.sweep.satellites)
+        if listed is not None and most > len(listed):
+            raise ValueError(
+                f"sweep.satellites: {most} are to stay but outages.visible_satellites lists "
+                f"{len(listed)}; list more, or ask for fewer"
+            )
+        return self
 
     @model_validator(mode="after")
     def _observability_is_of_one_drive(self) -> "SweepRecipe":
@@ -78,7 +93,8 @@ class SweepRecipe(Experiment, ManyDrives):
     def resolved(self) -> dict[str, Any]:
         """Return the sweep with every default written out, and the versions that made it."""
         content = super().resolved()
-        del content["outages"]["duration_s"]
+        for key in IN_SWEEP:
+            del content["outages"][key]
         return content
 
     @model_validator(mode="after")
@@ -107,18 +123,33 @@ class SweepRecipe(Experiment, ManyDrives):
         """
         return _laid_over(self.ins_filter, self.ins_filter_by_grade.get(grade or "", {}))
 
-    def for_drive(self, name: str, duration: float, grade: str | None = None) -> Recipe:
+    @property
+    def conditions(self) -> tuple[Conditions, ...]:
+        """Lengths of outages and numbers of satellites, one length after another."""
+        return tuple(
+            Conditions(duration, satellites)
+            for duration in self.sweep.durations_s
+            for satellites in self.sweep.satellites
+        )
+
+    def for_drive(
+        self, name: str, duration: float, grade: str | None = None, satellites: int = 0
+    ) -> Recipe:
         """Return the recipe of one drive of the sweep.
 
         Args:
             name: The drive's name; it stands for the log, which nobody opens.
             duration: Length of its outages, s.
             grade: Sensor grade of the drive, for the filter's options; None where no filter runs.
+            satellites: How many stay; the outages are those through which as many could stay as
+                the sweep asks for at most.
         """
         shared = {key: getattr(self, key) for key in Experiment.model_fields}
         shared["filter"] = self.filter_of(grade)
         shared["ins_filter"] = self.ins_filter_of(grade)
-        shared["outages"] = self.outages.model_copy(update={"duration_s": duration})
+        most = max(self.outages.min_satellites, *self.sweep.satellites)
+        own = {"duration_s": duration, "satellites": satellites, "min_satellites": most}
+        shared["outages"] = self.outages.model_copy(update=own)
         return Recipe.model_construct(**shared, log=LogSource(path=Path(name)))
 
     def shortened(self, *, drives: int | None = None, outages: int | None = None) -> "SweepRecipe":
@@ -132,7 +163,8 @@ class SweepRecipe(Experiment, ManyDrives):
             ConfigError: A number is not positive, or the outages are listed by their times.
         """
         content = self.model_dump()
-        del content["outages"]["duration_s"]
+        for key in IN_SWEEP:
+            del content["outages"][key]
         if drives is not None and "logs" in content["sweep"]:
             content["sweep"]["logs"] = content["sweep"]["logs"][:drives]
         elif drives is not None:

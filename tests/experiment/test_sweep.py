@@ -21,6 +21,7 @@ from navlearn.logs.formats.native import save_log
 from navlearn.outages.known_log import sees_after
 from navlearn.recipe.strict import parse
 from navlearn.recipe.sweep import SweepRecipe
+from navlearn.recipe.swept_drives import Conditions
 
 # The filter of a drive of eight minutes has seen too little for its warnings to count.
 pytestmark = pytest.mark.filterwarnings("ignore:filter. .*NIS:UserWarning")
@@ -154,16 +155,24 @@ def test_where_nothing_fits_nothing_is_reported(tmp_path: Path) -> None:
 
 def test_rows_belong_to_their_settings(tmp_path: Path) -> None:
     recipe = sweep_of()
-    name = rows_file(recipe, "mems_x", 11, 20.0, "")
+    name = rows_file(recipe, "mems_x", 11, Conditions(20.0), "")
     same = sweep_of(sweep={"drives": 9, "first_seed": 5, "grades": ["mems_x"]}, name="other")
-    assert rows_file(same, "mems_x", 11, 20.0, "") == name
+    assert rows_file(same, "mems_x", 11, Conditions(20.0), "") == name
+    few, fewer = (sweep_of(sweep={"satellites": numbers}) for numbers in ([3, 0], [3, 1, 0]))
+    kind = Conditions(20.0, 3)
+    assert rows_file(few, "mems_x", 11, kind, "") == rows_file(fewer, "mems_x", 11, kind, "")
     others = [
-        rows_file(recipe, "mems_x", 11, 20.0, "another real drive"),
-        rows_file(recipe, "mems_x", 12, 20.0, ""),
-        rows_file(recipe, "mems_x", 11, 30.0, ""),
-        rows_file(sweep_of(filter={"noise": {"turn_noise": 0.01}}), "mems_x", 11, 20.0, ""),
-        rows_file(sweep_of(sweep={"duration_s": 430.0}), "mems_x", 11, 20.0, ""),
-        rows_file(sweep_of(methods=["ekf", "anarx"]), "mems_x", 11, 20.0, ""),
+        rows_file(recipe, "mems_x", 11, Conditions(20.0), "another real drive"),
+        rows_file(recipe, "mems_x", 12, Conditions(20.0), ""),
+        rows_file(recipe, "mems_x", 11, Conditions(30.0), ""),
+        rows_file(
+            sweep_of(filter={"noise": {"turn_noise": 0.01}}), "mems_x", 11, Conditions(20.0), ""
+        ),
+        rows_file(sweep_of(sweep={"duration_s": 430.0}), "mems_x", 11, Conditions(20.0), ""),
+        rows_file(sweep_of(methods=["ekf", "anarx"]), "mems_x", 11, Conditions(20.0), ""),
+        rows_file(recipe, "mems_x", 11, Conditions(20.0, 1), ""),
+        # outages in which three satellites could stay are others than those in which one could
+        rows_file(sweep_of(sweep={"satellites": [3, 0]}), "mems_x", 11, Conditions(20.0), ""),
     ]
     assert len({name, *others}) == len(others) + 1
 
@@ -192,7 +201,8 @@ def test_a_real_drive_with_a_synthetic_gyro(tmp_path: Path) -> None:
         },
         "methods": ["ekf", "oracle", "noise_free_gyro", "perfect_azimuth"],
     }
-    base = sweep_of().model_dump(exclude={"sweep": True, "outages": {"duration_s"}})
+    left_out = {"sweep": True, "outages": {"duration_s", "satellites"}}
+    base = sweep_of().model_dump(exclude=left_out)
     recipe = parse(SweepRecipe, {**base, **content}, file="test")
     found = run_sweep(recipe, tmp_path / "run", progress=False)
     assert found.table["drive"].unique().tolist() == [

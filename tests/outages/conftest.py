@@ -76,6 +76,7 @@ def make_rows() -> Callable[..., pd.DataFrame]:
         outages: int = 6,
         duration: float = 60.0,
         seed: int = 0,
+        satellites: int = 0,
     ) -> pd.DataFrame:
         rng = np.random.default_rng(seed)
         rows = []
@@ -92,6 +93,8 @@ def make_rows() -> Callable[..., pd.DataFrame]:
                             **dict.fromkeys(FIGURES, 1.0),
                             "drive": drive, "method": method, "outage": outage,
                             "start_s": 100.0 * outage, "duration_s": duration,
+                            "satellites": satellites,
+                            "satellites_visible": " ".join(f"G{k:02d}" for k in range(satellites)),
                             "dynamics": "turn", "failure": "", **verdict_columns(notes),
                             "max_horizontal_error_m": base * factor * spread,
                         }
