@@ -23,7 +23,7 @@ class TightBelief(NamedTuple, Generic[AnyBelief]):
             drift, m/s; then the time of each further system ahead of the first, m. Shape (..., c).
         covariance: Covariance of the whole error, shape (..., n + c, n + c).
         refused: Consecutive refusals by the gate, pseudoranges then range rates of each satellite;
-            then consecutive receptions most of whose pseudoranges, and most of whose range rates,
+            then consecutive receptions many of whose pseudoranges, and many of whose range rates,
             were refused, shape (..., 2 S + 2).
     """
 

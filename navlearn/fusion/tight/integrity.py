@@ -7,19 +7,20 @@ At a reception, in this order:
 2. Pseudoranges and range rates that agree neither with the prediction nor with each other are
    refused, worst first (:mod:`navlearn.fusion.tight.agreement`). Most receptions end here. A
    satellite is never reset for itself: one that is wild stays refused as long as it is.
-3. Where most pseudoranges are refused, the clock may have jumped: it is moved by the median of the
-   innovations, its bias begins anew, and all are judged again. This holds at once if that median is
-   more than ``smallest_jump`` and at least two satellites tell it; else, and for a single
-   satellite, after *patience*: most were refused in ``reset_after`` receptions before. The drift
-   begins anew likewise, where most range rates are refused and after patience; so does the offset
-   of a system, where most of its satellites are refused, each ``reset_after`` times before. It is
-   believed if more measurements agree then, most pseudoranges among them where the bias began anew.
-   Position is not touched: its covariance stays, and a clock that begins anew takes up what all
-   ranges share.
-4. Where that was not believed, after patience, and with at least ``least_satellites``, the filter
-   has drifted: position, clock, velocity states and azimuth begin anew, if that many pseudoranges
-   and most of all agree then. Range rates refused for as long open drift, velocity states and
-   azimuth alone.
+3. Where most pseudoranges are refused the clock may have jumped: it is moved by the median of the
+   innovations, its bias begins anew, and all are judged again; where most range rates are refused,
+   likewise the drift. A jump is believed if more measurements agree then, and of the kind that
+   jumped most. That holds at once for at least two satellites and a median beyond ``smallest_jump``
+   (``smallest_drift_jump``; a drift that jumps takes the bias along), else after *patience*: many,
+   two and a third at least or the only one, were refused in ``reset_after`` receptions before. The
+   offset of a system begins anew where most of its satellites are refused, each ``reset_after``
+   times before. Position is not touched: its covariance stays, and a clock that begins anew takes
+   up what all ranges share.
+4. After patience, and where no jump is believed, the filter may have drifted: position, clock,
+   velocity states and azimuth begin anew. It has if at least two more pseudoranges agree then, at
+   least ``least_satellites``, and ``redundant`` more or all; with no more than
+   ``least_satellites``, which always agree, also most must have been refused. Range rates refused
+   for as long open drift, velocity states and azimuth by the same rule.
 
 With three satellites and fewer, ranges alone never move a position by force.
 """
@@ -31,7 +32,7 @@ from torch import Tensor
 
 from navlearn.fusion.measurements import Verdict
 from navlearn.fusion.tight.agreement import agreement
-from navlearn.fusion.tight.anew import Anew, Flags, begun_anew, clock_set, told_by_clock
+from navlearn.fusion.tight.anew import Anew, Flags, begun_anew, clock_set, common, told_by_clock
 from navlearn.fusion.tight.clock import BIAS, DRIFT
 from navlearn.fusion.tight.model import TightModel
 from navlearn.fusion.updates import Measured
@@ -164,41 +165,36 @@ def _supposed(scene: Scene, anew: Anew) -> Hypothesis:
 
 def _best(scene: Scene, plain: Hypothesis, refused: Tensor) -> tuple[Hypothesis, Tensor]:
     """Return the hypothesis that is believed, and which of the two resets it is."""
-    there, gate = scene.there, scene.model.options.gate
-    patient = refused[..., -2:] >= gate.reset_after
-    lost = _most_refused(there, plain.accepted)
-    clock, believed = plain, torch.zeros_like(lost[..., 0])
-    flags = _clock_flags(scene, plain, lost, patient, refused)
+    patient = refused[..., -2:] >= scene.model.options.gate.reset_after
+    best, jumped = plain, torch.zeros_like(patient[..., 0])
+    flags = _clock_flags(scene, plain, patient, refused)
     if bool(flags.clock.any()):
-        anew = begun_anew(scene.model, scene.found, there, plain.anew, flags)
-        supposed = _supposed(scene, anew)
-        believed = _clock_believed(scene, plain, supposed, flags, patient)
-        clock = _chosen(believed, supposed, plain)
-    lost = _most_refused(there, clock.accepted) & patient & ~believed.unsqueeze(-1)
-    lost = lost & (_groups(there).sum(-1) >= gate.least_satellites)
-    if not bool(lost.any()):
-        return clock, torch.stack((torch.zeros_like(believed), believed), -1)
-    position, motion = lost[..., 0], lost.any(-1)
-    every = torch.ones_like(flags.clock) & position.unsqueeze(-1)
-    every[..., DRIFT] = motion
-    flags = Flags(every, motion, position)
-    supposed = _supposed(scene, begun_anew(scene.model, scene.found, there, plain.anew, flags))
-    fine = (_most_agree(there, supposed.accepted) | ~lost).all(-1)
-    enough = _groups(supposed.accepted).sum(-1)[..., 0] >= gate.least_satellites
-    moved = motion & fine & (enough | ~position) & _more(supposed, plain)
-    reset = torch.stack((moved & position, believed | (moved & ~position)), -1)
-    return _chosen(moved, supposed, clock), reset
+        supposed = _supposed(scene, _anew(scene, plain, flags))
+        jumped = _jumped(scene, plain, supposed, flags, patient)
+        best = _chosen(jumped, supposed, best)
+    flags = _drift_flags(scene, plain, patient & ~jumped.unsqueeze(-1))
+    if not bool(flags.motion.any()):
+        return best, torch.stack((torch.zeros_like(jumped), jumped), -1)
+    supposed = _supposed(scene, _anew(scene, plain, flags))
+    drifted = _drifted(scene, plain, supposed, flags)
+    reset = torch.stack((drifted & flags.position, jumped | (drifted & ~flags.position)), -1)
+    return _chosen(drifted, supposed, best), reset
 
 
-def _clock_flags(
-    scene: Scene, plain: Hypothesis, lost: Tensor, patient: Tensor, refused: Tensor
-) -> Flags:
-    """Return which clock states may have begun anew."""
+def _anew(scene: Scene, plain: Hypothesis, flags: Flags) -> Anew:
+    return begun_anew(scene.model, scene.found, scene.there, plain.anew, flags)
+
+
+def _clock_flags(scene: Scene, plain: Hypothesis, patient: Tensor, refused: Tensor) -> Flags:
+    """Return which clock states may have jumped."""
     model, there = scene.model, scene.there
     count = there.shape[-1] // 2
+    lost = _most_refused(there, plain.accepted)
     seen, out = there[..., :count], (there & ~plain.accepted)[..., :count]
     waited = refused[..., :count] >= model.options.gate.reset_after
-    flags = [lost[..., 0], (lost & patient)[..., 1]]
+    rates = common(scene.found.innovation[..., count:], there[..., count:]).detach().abs()
+    far = (rates > model.options.gate.smallest_drift_jump) & (there[..., count:].sum(-1) >= 2)
+    flags = [lost[..., 0], lost[..., 1] & (far | patient[..., 1])]
     by_clock = scene.found.observation[..., :count, model.first_clock : model.size]
     for j in range(DRIFT + 1, by_clock.shape[-1]):
         own = by_clock[..., j] > 0.5
@@ -208,17 +204,41 @@ def _clock_flags(
     return Flags(torch.stack(flags, -1), none, none)
 
 
-def _clock_believed(
+def _jumped(
     scene: Scene, plain: Hypothesis, supposed: Hypothesis, flags: Flags, patient: Tensor
 ) -> Tensor:
-    """Return whether a clock that began anew is believed."""
+    """Return whether a jump of the clock is believed."""
+    gate, (bias, drift) = scene.model.options.gate, (flags.clock[..., k] for k in (BIAS, DRIFT))
     agreed = _groups(supposed.accepted).sum(-1)[..., 0]
     moved = (supposed.anew.shift - plain.anew.shift)[..., BIAS].detach().abs()
-    at_once = (agreed >= 2) & (moved > scene.model.options.gate.smallest_jump)
-    most = _most_agree(scene.there, supposed.accepted)[..., 0]
-    jumped = most & (at_once | patient[..., 0])
-    fine = jumped | ~flags.clock[..., BIAS]
-    return flags.clock.any(-1) & fine & _more(supposed, plain)
+    visible = (agreed >= 2) & ((moved > gate.smallest_jump) | drift)
+    most = 2 * _groups(supposed.accepted).sum(-1) > _groups(scene.there).sum(-1)
+    fine = (visible | patient[..., 0]) & most[..., 0]
+    return flags.clock.any(-1) & (fine | ~bias) & (most[..., 1] | ~drift) & _more(supposed, plain)
+
+
+def _drift_flags(scene: Scene, plain: Hypothesis, patient: Tensor) -> Flags:
+    """Return where the filter may have drifted."""
+    gate, seen = scene.model.options.gate, _groups(scene.there).sum(-1)
+    enough = (seen > gate.least_satellites) | _most_refused(scene.there, plain.accepted)
+    lost = _many_refused(scene.there, plain.accepted) & (seen >= gate.least_satellites) & enough
+    lost = lost & patient
+    position, motion = lost[..., 0], lost.any(-1)
+    clock = torch.zeros_like(plain.anew.shift, dtype=torch.bool) | position.unsqueeze(-1)
+    clock[..., DRIFT] = motion
+    return Flags(clock, motion, position)
+
+
+def _drifted(scene: Scene, plain: Hypothesis, supposed: Hypothesis, flags: Flags) -> Tensor:
+    """Return whether it is believed that the filter has drifted."""
+    gate = scene.model.options.gate
+    before, after, seen = (
+        _groups(x).sum(-1) for x in (plain.accepted, supposed.accepted, scene.there)
+    )
+    wanted = seen.clamp(max=gate.least_satellites + gate.redundant)
+    fine = (after >= wanted) & (after >= before + 2)
+    asked = torch.where(flags.position, fine[..., 0], fine[..., 1])
+    return flags.motion & asked & _more(supposed, plain)
 
 
 def _more(supposed: Hypothesis, plain: Hypothesis) -> Tensor:
@@ -241,9 +261,10 @@ def _most_refused(there: Tensor, accepted: Tensor) -> Tensor:
     return 2 * _groups(there & ~accepted).sum(-1) > _groups(there).sum(-1)
 
 
-def _most_agree(there: Tensor, accepted: Tensor) -> Tensor:
-    """Return whether most pseudoranges, and most range rates, agree, shape (..., 2)."""
-    return 2 * _groups(accepted).sum(-1) > _groups(there).sum(-1)
+def _many_refused(there: Tensor, accepted: Tensor) -> Tensor:
+    """Return whether many are refused, two and a third at least or the only one, shape (..., 2)."""
+    out, seen = _groups(there & ~accepted).sum(-1), _groups(there).sum(-1)
+    return (3 * out >= seen) & ((out >= 2) | (out == 1) & (seen == 1))
 
 
 def _counted(refused: Tensor, there: Tensor, accepted: Tensor) -> Tensor:
@@ -251,6 +272,6 @@ def _counted(refused: Tensor, there: Tensor, accepted: Tensor) -> Tensor:
     single, group = refused[..., :-2], refused[..., -2:]
     out = there & ~accepted
     single = torch.where(out, single + 1.0, torch.where(there, 0.0, single))
-    most, any_there = _most_refused(there, accepted), _groups(there).any(-1)
-    group = torch.where(most, group + 1.0, torch.where(any_there, 0.0, group))
+    many, any_there = _many_refused(there, accepted), _groups(there).any(-1)
+    group = torch.where(many, group + 1.0, torch.where(any_there, 0.0, group))
     return torch.cat((single, group), -1)

@@ -49,13 +49,15 @@ class RangeGateOptions:
 
     Attributes:
         probability: Share of good measurements that pass; 1 switches the gate off.
-        reset_after: Receptions in a row most of whose satellites must have been refused before
-            position is begun anew, or a clock that did not visibly jump.
+        reset_after: Receptions in a row many of whose satellites must have been refused before
+            position begins anew, or a clock that did not visibly jump.
         least_satellites: Fewest ranges that may begin position anew.
+        redundant: By how many more it wants to be confirmed, where they are there.
         unknown_clock: A bias or offset less certain than this is unknown, m: it is set to what the
             satellites agree on before they are judged.
-        smallest_jump: Offset on which most satellites must agree for a jump of the clock to be
-            believed at once, m.
+        smallest_jump: Offset on which most satellites must agree for a jump of the clock's bias to
+            be believed at once, m.
+        smallest_drift_jump: The same of its drift, m/s.
         anew_clock: Deviation with which a bias or an offset begins anew, m.
         anew_drift: The same of the drift, m/s.
         anew_position: The same of position, m.
@@ -65,8 +67,10 @@ class RangeGateOptions:
     probability: float = 0.999
     reset_after: int = 10
     least_satellites: int = 4
+    redundant: int = 2
     unknown_clock: float = 3e3
     smallest_jump: float = 150.0
+    smallest_drift_jump: float = 3.0
     anew_clock: float = 1e3
     anew_drift: float = 100.0
     anew_position: float = 1e3
