@@ -18,7 +18,7 @@ from navlearn.fusion.measurements import Rows
 from navlearn.fusion.options import GateOptions
 from navlearn.fusion.recursion import unstacked
 from navlearn.fusion.updates import Measured
-from navlearn.states import FixTiming, GnssFix, ImuSample, InsState, RissSample, Trajectory
+from navlearn.states import FixTiming, GnssFix, InsState, Trajectory
 
 AnyBelief = TypeVar("AnyBelief", Belief, InsBelief)
 T = TypeVar("T")
@@ -107,7 +107,7 @@ class Vehicle(Protocol[AnyBelief]):
     def company(self) -> tuple[int, ...]: ...  # noqa: D102
 
     def laid_out(
-        self, samples: RissSample | ImuSample, fixes: GnssFix | None, timing: FixTiming
+        self, samples: Any, fixes: GnssFix | None, timing: FixTiming
     ) -> VehicleLine:
         """Return drives in blocks that end where ranges are received.
 
