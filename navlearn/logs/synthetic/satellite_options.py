@@ -15,14 +15,28 @@ from navlearn.logs.nearest import nearest_hint
 SYSTEMS: Final = ("G", "E", "R")
 """Systems that are simulated, by their RINEX letter: GPS, Galileo, GLONASS."""
 
-_AT_LEAST_ONE_SECOND: Final = (
-    "fading_time",
-    "ionosphere_time",
-    "troposphere_time",
-    "orbit_time",
-    "multipath_time",
-    "reflection_shortest",
-)
+_ANY: Final = (-math.inf, math.inf)
+_SHARE: Final = (0.0, 1.0)
+_TIME: Final = (1.0, math.inf)
+_ANGLE: Final = (0.0, 90.0)
+_LIMITS: Final = {
+    "lowest_deg": _ANGLE,
+    "fading_time": _TIME,
+    "ionosphere_time": _TIME,
+    "ionosphere_shared": _SHARE,
+    "troposphere_time": _TIME,
+    "orbit_time": _TIME,
+    "multipath_time": _TIME,
+    "multipath_speed": (0.1, math.inf),
+    "reflection_shortest": _TIME,
+    "canyon_share": _SHARE,
+    "canyon_length": (1.0, math.inf),
+    "canyon_deg": _ANGLE,
+    "canyon_reflected": _SHARE,
+    "clock": _ANY,
+    "clock_rate": _ANY,
+}
+"""Least and most of what may not be any figure of zero or more."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,17 +158,12 @@ class SatelliteOptions:
 
     def _check(self, name: str) -> None:
         value = getattr(self, name)
-        least = 1.0 if name in _AT_LEAST_ONE_SECOND else 0.0
-        most = (
-            1.0 if name in ("ionosphere_shared", "canyon_share", "canyon_reflected") else math.inf
-        )
+        least, most = _LIMITS.get(name, (0.0, math.inf))
         if name == "reflection_longest":
             least = self.reflection_shortest
-        if name in ("canyon_length", "multipath_speed"):
-            least = 0.1
-        if not (least <= value <= most and math.isfinite(value)):
+        if not (math.isfinite(value) and least <= value <= most):
             span = f"{least:g} to {most:g}" if math.isfinite(most) else f"{least:g} or more"
-            raise ConfigError(f"satellites: {name}: found {value!r}, expected {span}")
+            raise ConfigError(f"satellites: {name}: found {value!r}, expected {span}, finite")
 
 
 PRESETS: Final[dict[str, SatelliteOptions]] = {
