@@ -68,7 +68,7 @@ def with_single_point_fixes(
             f"{log.metadata.name}: none of {kept.size} receptions gave a position (satellites "
             f"per reception: {_satellites(found)}); check the ranges with navlearn check"
         )
-    return log.with_tables({"fixes": _table(found)[kept].reset_index(drop=True)})
+    return log.with_tables({"fixes": fixes_of(found)})
 
 
 def solve_receptions(
@@ -105,7 +105,15 @@ def _satellites(found: ReceptionSolutions) -> str:
     return f"{int(heard.min())} to {int(heard.max())}"
 
 
-def _table(found: ReceptionSolutions) -> pd.DataFrame:
+def fixes_of(found: ReceptionSolutions) -> pd.DataFrame:
+    """Return the table of fixes of the receptions that were solved.
+
+    Args:
+        found: Solutions of all receptions.
+
+    Returns:
+        Columns of :data:`navlearn.logs.columns.FIXES`; velocities only where there are some.
+    """
     points, velocities = found.points, found.velocities
     deviation = points.covariance.diagonal(dim1=-2, dim2=-1).sqrt()
     columns = {
@@ -124,4 +132,5 @@ def _table(found: ReceptionSolutions) -> pd.DataFrame:
         level = velocities.covariance.diagonal(dim1=-2, dim2=-1)[:, :2].mean(-1).sqrt()
         columns["std_v"] = torch.where(told, level, torch.nan)
     columns["satellites"] = points.satellites.double()
-    return pd.DataFrame({name: value.numpy() for name, value in columns.items()})
+    kept = points.ok
+    return pd.DataFrame({name: value[kept].numpy() for name, value in columns.items()})

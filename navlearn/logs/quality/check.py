@@ -1,5 +1,7 @@
 """The check of a whole log."""
 
+from dataclasses import replace
+
 from navlearn.logs.drive_log import DriveLog
 from navlearn.logs.quality.accuracy import check_accuracy
 from navlearn.logs.quality.agreement import check_speed, check_turns
@@ -9,6 +11,7 @@ from navlearn.logs.quality.consistency import check_consistency
 from navlearn.logs.quality.findings import QualityReport, assemble
 from navlearn.logs.quality.forces import check_forces
 from navlearn.logs.quality.latency import ordered
+from navlearn.logs.quality.ranges import check_ranges
 from navlearn.logs.quality.timing import check_timing
 from navlearn.logs.quality.units import check_units, in_radians
 
@@ -39,4 +42,5 @@ def check_log(log: DriveLog) -> QualityReport:
     parts = [check_timing(log), check_units(clean)]
     repaired = in_radians(clean)
     parts += [check(repaired) for check in _CHECKS]
+    parts.append(check_ranges(replace(repaired, ranges=log.ranges)))
     return assemble(log.metadata.name, parts)

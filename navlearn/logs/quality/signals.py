@@ -62,9 +62,10 @@ def column(table: pd.DataFrame, name: str) -> Array:
 
 
 def in_order(table: pd.DataFrame) -> pd.DataFrame:
-    """Return the rows with a finite time, sorted, the first of each time."""
+    """Return the rows with a finite time, sorted, the first of each time (and satellite)."""
     finite = table[np.isfinite(column(table, "t"))]
-    return finite.sort_values("t", kind="stable").drop_duplicates("t").reset_index(drop=True)
+    once = ["t", "satellite"] if "satellite" in table else ["t"]
+    return finite.sort_values("t", kind="stable").drop_duplicates(once).reset_index(drop=True)
 
 
 def median_interval(t: Array) -> float:
