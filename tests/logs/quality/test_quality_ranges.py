@@ -126,7 +126,7 @@ def _noisy_pseudoranges(ranges: pd.DataFrame) -> pd.DataFrame:
         (lambda r: _scaled(r, -5.255), "range rate", "error"),
         (lambda r: _scaled(r, 1.2), "range rate", "error"),
         (_noisy_rates, "range rate", "warning"),
-        (_swapped_axes, "ranges beside the track", "error"),
+        (_swapped_axes, "few positions from ranges", "error"),
         (_noisy_pseudoranges, "few positions from ranges", "error"),
         (lambda r: r.assign(satellite="7"), "ranges unusable", "error"),
     ],
