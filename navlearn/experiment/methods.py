@@ -21,6 +21,7 @@ from navlearn.experiment.ins_methods import InsDeadReckoning, InsFilterMethod, I
 from navlearn.experiment.learned import Learned
 from navlearn.experiment.oracles import GyroOracle, PerfectAzimuth, Truth
 from navlearn.experiment.pseudo_outage_method import PseudoOutageMethod
+from navlearn.experiment.range_error_method import RangeErrorMethod
 from navlearn.experiment.rts_method import SmoothedFilter
 from navlearn.experiment.tight_filter_runs import TightFilterRuns
 from navlearn.experiment.tight_method import TightMethod
@@ -31,6 +32,7 @@ from navlearn.recipe.augmented_spec import AugmentedSpec
 from navlearn.recipe.azimuth_spec import AzimuthSpec
 from navlearn.recipe.ins_anarx_spec import InsAnarxSpec
 from navlearn.recipe.pseudo_outage_spec import PseudoOutageSpec
+from navlearn.recipe.range_error_spec import RangeErrorSpec
 from navlearn.recipe.spec_base import SpecBase
 
 Keep = Callable[[str, Learned], None]
@@ -104,6 +106,7 @@ LEARNED: Final[dict[type[SpecBase], Callable[[MethodContext, Any], Method]]] = {
     PseudoOutageSpec: lambda context, spec: PseudoOutageMethod(context.runs, spec, context.keep),
     AzimuthSpec: lambda context, spec: AzimuthMethod(context.runs, spec, context.keep),
     InsAnarxSpec: _ins_anarx,
+    RangeErrorSpec: lambda context, spec: RangeErrorMethod(context.tight_runs, spec, context.keep),
 }
 """Builders of the methods that learn, by the class of their spec."""
 

@@ -13,6 +13,7 @@ from navlearn.outages.known_log import known_log
 from navlearn.outages.schedule import Outage
 from navlearn.recipe import Recipe
 from navlearn.recipe.ins_anarx_spec import InsAnarxSpec
+from navlearn.recipe.range_error_spec import RangeErrorSpec
 
 OF_EITHER: Final = ("dead_reckoning", "rts")
 """Methods that ``mechanization.sensors`` makes those of one gyro or of a full IMU."""
@@ -66,7 +67,8 @@ def tightly_coupled(recipe: Recipe) -> tuple[str, ...]:
     Args:
         recipe: The recipe.
     """
-    return tuple(name for name in recipe.methods if name.startswith("tc_ekf"))
+    learned = {spec.name for spec in recipe.models if isinstance(spec, RangeErrorSpec)}
+    return tuple(name for name in recipe.methods if name == "tc_ekf" or name in learned)
 
 
 def _check_ranges(recipe: Recipe, log: DriveLog) -> None:

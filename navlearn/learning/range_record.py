@@ -29,6 +29,7 @@ class RangeRecord(NamedTuple):
 
     Attributes:
         t: Times of the receptions, s, shape (R,).
+        reception: Which of the filter's receptions each is, int64, shape (R,).
         taken: Whether the filter took the pseudorange, bool.
         residual: Measured minus what the belief after the update says, m.
         left_out: Measured minus what it would say without this satellite's pseudorange, m.
@@ -42,6 +43,7 @@ class RangeRecord(NamedTuple):
     """
 
     t: Tensor
+    reception: Tensor
     taken: Tensor
     residual: Tensor
     left_out: Tensor
@@ -87,6 +89,7 @@ def range_record(history: TightHistory, ranges: SatelliteRanges, t: Tensor) -> R
     along = (seen.unit * velocity.unsqueeze(-2)).sum(-1)
     return RangeRecord(
         t=t[reception],
+        reception=reception,
         taken=taken,
         residual=of(history.residual[block]),
         left_out=of(left_out_residual(history, block, rows, taken)),

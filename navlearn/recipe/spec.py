@@ -15,6 +15,7 @@ from navlearn.recipe.augmented_spec import AugmentedSpec
 from navlearn.recipe.azimuth_spec import AzimuthSpec
 from navlearn.recipe.ins_anarx_spec import InsAnarxSpec
 from navlearn.recipe.pseudo_outage_spec import PseudoOutageSpec
+from navlearn.recipe.range_error_spec import RangeErrorSpec
 from navlearn.recipe.spec_base import SafeguardSpec, SpecBase
 from navlearn.recipe.strict import parse
 from navlearn.recipe.yaml_file import read_yaml
@@ -25,6 +26,7 @@ KINDS: Final[dict[str, type[SpecBase]]] = {
     "pseudo_outage": PseudoOutageSpec,
     "azimuth_window": AzimuthSpec,
     "ins_anarx": InsAnarxSpec,
+    "range_error": RangeErrorSpec,
 }
 """Class of a spec by its ``type``; a spec that tells none is ANARX's."""
 
@@ -49,6 +51,20 @@ BUILT_IN: Final[dict[str, SpecBase]] = {
             name="jaradat2017_closed", mode="paper", training="closed_loop", safeguard=_RAW
         ),
         InsAnarxSpec(name="jaradat2017_safe", mode="paper"),
+        RangeErrorSpec(name="tc_ekf+pci", structure="pci"),
+        RangeErrorSpec(name="tc_ekf+fos", structure="fos"),
+        RangeErrorSpec(name="tc_ekf+anarx", structure="anarx"),
+        RangeErrorSpec(name="tc_ekf+held", structure="held"),
+        RangeErrorSpec(name="tc_ekf+decay", structure="decay"),
+        RangeErrorSpec(
+            name="iqbal2020_range",
+            structure="pci",
+            inputs=("predicted_range",),
+            lags=10,
+            degree=3,
+            acceptance="paper",
+            safeguard=_RAW,
+        ),
     )
 }
 """Models that a method's name alone calls for."""
@@ -63,7 +79,8 @@ ModelSpec = Annotated[
     | Annotated[AugmentedSpec, Tag("augmented")]
     | Annotated[PseudoOutageSpec, Tag("pseudo_outage")]
     | Annotated[AzimuthSpec, Tag("azimuth_window")]
-    | Annotated[InsAnarxSpec, Tag("ins_anarx")],
+    | Annotated[InsAnarxSpec, Tag("ins_anarx")]
+    | Annotated[RangeErrorSpec, Tag("range_error")],
     Discriminator(_kind_of),
 ]
 """Any of the specs."""

@@ -1,0 +1,71 @@
+"""What a range-error model says of an outage, taken off the ranges of the satellites that stay."""
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from navlearn.errors import FitError
+from navlearn.learning.range_error_model import RangeErrors, predict_range_errors, range_source
+from navlearn.learning.range_record import RangeRecord, joined
+from navlearn.learning.range_residuals import residual_series
+from navlearn.recipe.range_error_spec import RangeErrorSpec
+from navlearn.states import SatelliteRanges
+
+
+class Corrected(NamedTuple):
+    """Ranges of an outage less what a model says of their errors.
+
+    Attributes:
+        ranges: Receptions, shape (M, S) each.
+        correction: What was taken off, m, shape (M, S).
+        errors: The model's prediction.
+        example: Inputs that were seen through the outage, of the first satellite known, shape
+            (H, m).
+    """
+
+    ranges: SatelliteRanges
+    correction: Tensor
+    errors: RangeErrors
+    example: Tensor
+
+
+def corrected(
+    before: RangeRecord,
+    after: RangeRecord,
+    start: float,
+    ranges: SatelliteRanges,
+    visible: Tensor,
+    spec: RangeErrorSpec,
+    logs: tuple[str, ...] = (),
+) -> Corrected:
+    """Fit to what came before a partial outage and take its prediction off the ranges in it.
+
+    Args:
+        before: What the filter made of the receptions before the outage.
+        after: What it made of those in it, uncorrected: inputs alone are read.
+        start: The outage's start, s.
+        ranges: The receptions in the outage that ``after`` tells of, shape (M, S) each.
+        visible: Satellites that stay, bool, shape (S,).
+        spec: The model.
+        logs: Names of the logs, for the record.
+
+    Raises:
+        FitError: Nothing can be learned, or nothing was received.
+    """
+    if len(after.t) == 0:
+        raise FitError("no reception falls into the outage, so there is no range to correct")
+    options = spec.range_error_options()
+    series = residual_series(joined(before, after), start, options.residual_options())
+    source = range_source(options, series.step, logs)
+    errors = predict_range_errors(series, visible, options, source)
+    rows = series.row[len(before.t) :] - series.origin
+    correction = torch.zeros_like(ranges.pseudorange)
+    correction[after.reception] = errors.error[rows]
+    first = int(torch.nonzero(errors.known)[0])
+    return Corrected(
+        ranges._replace(pseudorange=ranges.pseudorange - correction),
+        correction,
+        errors,
+        series.inputs[series.origin :, first],
+    )
