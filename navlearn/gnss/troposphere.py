@@ -2,7 +2,7 @@
 
 Zenith delays of [Saastamoinen1972] in the form of [Davis1985]; pressure and temperature of the
 International Standard Atmosphere; mapping to low elevations of [BlackEisner1984], the one that
-[RTCA2016] prescribes, within 1 % of ray tracing above 5 degrees.
+[RTCA2016] prescribes, within 1.1 % of that of Niell from 5 degrees up.
 """
 
 import torch
