@@ -5,17 +5,13 @@ one. Gradients: converge without, then two passes with; the first of them carrie
 to the states, the second also what the states do to the linearisation.
 """
 
-from typing import Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import torch
-from torch import Tensor
 
-from navlearn.filters.belief import Belief
-from navlearn.filters.ins_belief import InsBelief
-from navlearn.fusion.gated_pass import Behind
-
-AnyBelief = TypeVar("AnyBelief", Belief, InsBelief)
+AnyBelief = TypeVar("AnyBelief")
 Record = TypeVar("Record")
+Said = TypeVar("Said", covariant=True)
 
 MOST_PASSES = 20
 """Passes after which the fast form gives up."""
@@ -23,6 +19,21 @@ MOST_PASSES = 20
 EARLY = 3
 """Passes that may still be far from the solution; a later one that moves far was told to by the
 verdicts, and forgetting them would only bring back the pass before."""
+
+
+class Gate(Protocol[Said]):
+    """What a gate said within a pass.
+
+    Attributes:
+        said: What it believes now, for the next pass to use.
+        reproduced: Whether that is what the pass had used.
+    """
+
+    @property
+    def said(self) -> Said: ...  # noqa: D102
+
+    @property
+    def reproduced(self) -> bool: ...  # noqa: D102
 
 
 class Passes(Protocol[AnyBelief, Record]):
@@ -33,8 +44,11 @@ class Passes(Protocol[AnyBelief, Record]):
         """Largest moves of a block's start, m, before passes with gradients and in the last."""
         ...
 
-    def run(self, guess: AnyBelief, verdict: Tensor | None, rounds: int) -> tuple[Record, Behind]:
-        """Run one pass from a guess, the gate's verdicts to use, and how often to renew them."""
+    def run(self, guess: AnyBelief, verdict: Any, rounds: int) -> tuple[Record, Gate[Any]]:
+        """Run one pass from a guess, the gate's verdicts to use, and how often to renew them.
+
+        Verdicts of None leave the pass to its own first ones.
+        """
         ...
 
     def starts(self, record: Record) -> AnyBelief:
@@ -78,7 +92,7 @@ def solved(
         total += number
         if not learning:
             return record, total
-        verdict = behind.judged.verdict
+        verdict = behind.said
         for _ in range(2):
             # the first block starts where the caller said: that carries its gradient
             begin = passes.starts(record)
@@ -94,8 +108,8 @@ def solved(
 
 def _converged(
     begin: AnyBelief, passes: Passes[AnyBelief, Record], tolerance: float
-) -> tuple[Record, Behind, int] | None:
-    verdict: Tensor | None = None
+) -> tuple[Record, Gate[Any], int] | None:
+    verdict: Any = None
     for number in range(1, MOST_PASSES + 1):
         record, behind = passes.run(begin, verdict, 1 if number <= 2 else 4)
         new = passes.starts(record)
@@ -104,5 +118,5 @@ def _converged(
         # what a first pass refuses may only be far from its guess; passes are asked every time,
         # because to be trusted is how they learn that they came near
         keep = passes.trusts(new, begin) or number > EARLY
-        verdict, begin = behind.judged.verdict if keep else None, new
+        verdict, begin = behind.said if keep else None, new
     return None

@@ -52,6 +52,11 @@ class Behind(NamedTuple):
     used: Tensor
 
     @property
+    def said(self) -> Tensor:
+        """What the gate says now."""
+        return self.judged.verdict
+
+    @property
     def reproduced(self) -> bool:
         """Whether the gate says again what it had said."""
         return bool((self.judged.verdict == self.used).all())

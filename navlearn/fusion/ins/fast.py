@@ -18,7 +18,7 @@ from navlearn.fusion.batch_axis import wants_gradient
 from navlearn.fusion.convergence import solved
 from navlearn.fusion.gated_pass import Behind, Linearised, filtered_behind_gate
 from navlearn.fusion.ins.composed import has_closed_form
-from navlearn.fusion.ins.fast_blocks import Sums, left_by_first_order, predicted, summed
+from navlearn.fusion.ins.fast_blocks import RenewedSums, Sums
 from navlearn.fusion.ins.first_guess import first_ins_guess
 from navlearn.fusion.ins.history import InsHistory
 from navlearn.fusion.ins.layout import moved_belief, state_difference
@@ -36,13 +36,6 @@ TOLERANCE = 5e-3
 
 ROUGHLY = 0.3
 """The same before passes with gradients, each of which converges too, m."""
-
-NEAR = (5.0, 0.1)
-"""Largest moves of velocity, m/s, and attitude, rad, in a pass after which increments are summed
-up again and the gate's verdicts are taken over; position changes neither."""
-
-LEFT = 1e-6
-"""What following new sensor parameters to first order may leave of a block's velocity, m/s."""
 
 
 def run_ins_fast(
@@ -95,58 +88,22 @@ class _Passes:
         self, model: InsFilterModel, start: InsBelief, line: InsTimeline, noise: InsNoise
     ) -> None:
         self.model, self.start, self.line, self.noise = model, start, line, noise
-        blocks = line.blocks.end.shape
-        at_start = start.sensor.unsqueeze(1).expand(*blocks, start.sensor.shape[-1])
-        with torch.no_grad():
-            self.sums = summed(model, at_start, line.samples, noise)
-        self.near = self.settled = False
-        self.with_gradient: Sums | None = None
+        self.blocks = RenewedSums(model, start, line.samples, noise)
 
     @property
     def tolerances(self) -> tuple[float, float]:
         """Largest moves of a block's start, m, before passes with gradients and in the last."""
         return ROUGHLY, TOLERANCE
 
+    @property
+    def sums(self) -> Sums:
+        """What the samples of all blocks say, as the last pass took it."""
+        return self.blocks.sums
+
     def run(self, guess: InsBelief, verdict: Tensor | None, rounds: int) -> tuple[InsEnded, Behind]:
         """Run one pass."""
-        if torch.is_grad_enabled():
-            if self.with_gradient is None:
-                samples = self.line.samples
-                self.with_gradient = summed(self.model, guess.sensor, samples, self.noise)
-            return self._run(guess, self.with_gradient, verdict, rounds)
-        self.with_gradient = None
-        if self.near:
-            # again and again: renewed verdicts may move the sensor parameters far
-            if left_by_first_order(self.sums, guess.sensor) > LEFT:
-                self.sums = summed(self.model, guess.sensor, self.line.samples, self.noise)
-            self.settled = True
-        return self._run(guess, self.sums, verdict, rounds)
-
-    def move(self, new: InsBelief, old: InsBelief) -> float:
-        """Return how far blocks moved, m; infinite before the sums are final."""
-        return largest_move(new, old) if self.settled else math.inf
-
-    def trusts(self, new: InsBelief, old: InsBelief) -> bool:
-        """Return whether a pass came near: its linearisation and sensor parameters will do."""
-        moved = state_difference(new.state, old.state).abs()
-        speed, turn = float(moved[..., 3:6].amax()), float(moved[..., 6:].amax())
-        near = speed < NEAR[0] and turn < NEAR[1]
-        self.near = self.near or near
-        return near
-
-    def starts(self, record: InsEnded) -> InsBelief:
-        """Return where blocks start by what a pass found, batch shape (B, K)."""
-        return starts_of_blocks(self.start, record.belief)
-
-    def detached(self, begin: InsBelief) -> InsBelief:
-        """Return the same beliefs without gradients."""
-        return map_ins_belief(begin, Tensor.detach)
-
-    def _run(
-        self, guess: InsBelief, sums: Sums, verdict: Tensor | None, rounds: int
-    ) -> tuple[InsEnded, Behind]:
         model, start, occasion = self.model, self.start, self.line.occasion
-        ahead = predicted(model, guess, sums, self.noise)
+        ahead = self.blocks.ahead(guess)
         found = ins_measured(model, ahead.end, occasion, self.noise)
         behind = filtered_behind_gate(
             model,
@@ -158,6 +115,22 @@ class _Passes:
             lambda v, innovation: ins_opened(model, v, found._replace(innovation=innovation)),
         )
         return _ended(model, start, ahead.end, found, behind), behind
+
+    def move(self, new: InsBelief, old: InsBelief) -> float:
+        """Return how far blocks moved, m; infinite before the sums are final."""
+        return largest_move(new, old) if self.blocks.settled else math.inf
+
+    def trusts(self, new: InsBelief, old: InsBelief) -> bool:
+        """Return whether a pass came near."""
+        return self.blocks.came_near(new, old)
+
+    def starts(self, record: InsEnded) -> InsBelief:
+        """Return where blocks start by what a pass found, batch shape (B, K)."""
+        return starts_of_blocks(self.start, record.belief)
+
+    def detached(self, begin: InsBelief) -> InsBelief:
+        """Return the same beliefs without gradients."""
+        return map_ins_belief(begin, Tensor.detach)
 
 
 def _ended(

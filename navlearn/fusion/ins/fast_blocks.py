@@ -7,7 +7,7 @@ from torch import Tensor
 
 from navlearn.filters.ins_belief import InsBelief, map_ins_belief
 from navlearn.fusion.ins.composed import preintegrated
-from navlearn.fusion.ins.layout import belief_difference
+from navlearn.fusion.ins.layout import belief_difference, state_difference
 from navlearn.fusion.ins.model import InsFilterModel
 from navlearn.fusion.ins.noise import InsNoise, walks
 from navlearn.mechanization.preintegration import Preintegrated, block_transition, predict
@@ -41,6 +41,75 @@ class Ahead(NamedTuple):
     transition: Tensor
     noise: Tensor
     shift: Tensor
+
+
+NEAR = (5.0, 0.1)
+"""Largest moves of velocity, m/s, and attitude, rad, in a pass after which increments are summed
+up again and the gate's verdicts are taken over; position changes neither."""
+
+LEFT = 1e-6
+"""What following new sensor parameters to first order may leave of a block's velocity, m/s."""
+
+
+class RenewedSums:
+    """The sums that passes over the same blocks share, renewed as the passes come near.
+
+    Increments follow new sensor parameters to first order until the passes are near; from there on
+    they are summed up again wherever that would change them.
+    """
+
+    def __init__(
+        self, model: InsFilterModel, start: InsBelief, samples: ImuSample, noise: InsNoise
+    ) -> None:
+        """Sum up all blocks with the sensor parameters at the start.
+
+        Args:
+            model: The filter.
+            start: Belief before the first sample, batch shape (B,).
+            samples: Samples, coning compensated, shape (B, K, n) each.
+            noise: Noise densities.
+        """
+        self.model, self.samples, self.noise = model, samples, noise
+        blocks = samples.dt.shape[:2]
+        at_start = start.sensor.unsqueeze(1).expand(*blocks, start.sensor.shape[-1])
+        with torch.no_grad():
+            self.sums = summed(model, at_start, samples, noise)
+        self.near = self.settled = False
+        self.with_gradient: Sums | None = None
+
+    def ahead(self, guess: InsBelief) -> Ahead:
+        """Return all blocks predicted from a guess of the beliefs at their starts.
+
+        Args:
+            guess: Batch shape (B, K).
+        """
+        return predicted(self.model, guess, self._for(guess), self.noise)
+
+    def came_near(self, new: InsBelief, old: InsBelief) -> bool:
+        """Return whether a pass came near: its linearisation and sensor parameters will do.
+
+        Args:
+            new: Beliefs at which blocks start, batch shape (B, K).
+            old: The same before.
+        """
+        moved = state_difference(new.state, old.state).abs()
+        speed, turn = float(moved[..., 3:6].amax()), float(moved[..., 6:].amax())
+        near = speed < NEAR[0] and turn < NEAR[1]
+        self.near = self.near or near
+        return near
+
+    def _for(self, guess: InsBelief) -> Sums:
+        if torch.is_grad_enabled():
+            if self.with_gradient is None:
+                self.with_gradient = summed(self.model, guess.sensor, self.samples, self.noise)
+            return self.with_gradient
+        self.with_gradient = None
+        if self.near:
+            # again and again: renewed verdicts may move the sensor parameters far
+            if left_by_first_order(self.sums, guess.sensor) > LEFT:
+                self.sums = summed(self.model, guess.sensor, self.samples, self.noise)
+            self.settled = True
+        return self.sums
 
 
 def summed(model: InsFilterModel, sensor: Tensor, samples: ImuSample, noise: InsNoise) -> Sums:

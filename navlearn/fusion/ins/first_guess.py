@@ -6,7 +6,6 @@ forward axis and its course: pairs of vectors, from which [Markley1988] finds it
 value decomposition. A guess needs no gradient, and nothing in the result depends on it.
 """
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -18,11 +17,11 @@ from navlearn.attitude import (
     quaternion_from_angles,
     quaternion_from_rotation_vector,
     quaternion_multiply,
-    wrap_angle,
 )
 from navlearn.filters.ins_belief import InsBelief
 from navlearn.fusion.ins.model import InsFilterModel
 from navlearn.fusion.ins.timeline import InsTimeline
+from navlearn.fusion.straight_lines import positions_between, straight_lines
 from navlearn.mechanization.preintegration import Preintegrated
 from navlearn.mechanization.preintegration_turn import prefix_products
 from navlearn.states import InsState
@@ -94,29 +93,10 @@ def told_by_fixes(start: InsState, line: InsTimeline, duration: Tensor) -> tuple
         shape (B, K + 1, 6); 1.0 where velocity is known through a block, shape (B, K).
     """
     fix, delay = line.occasion.fix, line.occasion.delay
-    clock = torch.nn.functional.pad(torch.cumsum(duration, 1), (1, 0)).numpy()
-    origin = start.lon.unsqueeze(1)
-    # straight lines must not lead round the Earth
-    lon = origin + wrap_angle(fix.lon - origin)
-    position = torch.stack((fix.lat, lon, fix.height), -1).numpy()
-    velocity = torch.stack((fix.v_e, fix.v_n, fix.v_u), -1).numpy()
-    there = (fix.has_position > 0.5).numpy(), (fix.has_velocity > 0.5).numpy()
-    first = torch.stack(start[:3], -1).numpy(), start.v_l.numpy()
-    told, sure = np.empty((*clock.shape, 6)), np.empty(duration.shape)
-    for row, time in enumerate(clock):
-        at = time[1:] - delay[row].numpy()
-        for k, values in enumerate((position[row], velocity[row])):
-            # knots in order: delays may overtake each other
-            use = np.flatnonzero(there[k][row] & (at > 0.0))
-            use = use[np.argsort(at[use], kind="stable")]
-            stamps = np.concatenate(([0.0], at[use]))
-            knots = np.concatenate((first[k][row][None], values[use]))
-            for axis in range(3):
-                told[row, :, 3 * k + axis] = np.interp(time, stamps, knots[:, axis])
-        after = np.searchsorted(stamps, 0.5 * (time[1:] + time[:-1]))
-        gap = stamps[np.minimum(after, len(stamps) - 1)] - stamps[np.maximum(after - 1, 0)]
-        sure[row] = (after < len(stamps)) & (gap <= LONGEST)
-    return torch.from_numpy(told), torch.from_numpy(sure)
+    where = positions_between((start.lat, start.lon, start.height), fix, delay, duration)
+    velocity = torch.stack((fix.v_e, fix.v_n, fix.v_u), -1)
+    moving = straight_lines(start.v_l, velocity, fix.has_velocity > 0.5, delay, duration)
+    return torch.cat((where.told, moving.told), -1), (moving.gap <= LONGEST).to(duration)
 
 
 def turned_by_gyros(start: InsState, pre: Preintegrated) -> Tensor:
