@@ -116,7 +116,7 @@ class SatelliteOptions:
     multipath_time: float = 40.0
     multipath_speed: float = 5.0
     reflections_per_hour: float = 0.0
-    reflection: float = 20.0
+    reflection: float = 15.0
     reflection_shortest: float = 5.0
     reflection_longest: float = 60.0
     reflection_loss: float = 9.0
@@ -187,7 +187,7 @@ PRESETS: Final[dict[str, SatelliteOptions]] = {
         rate_thermal=0.08,
         multipath=1.0,
         reflections_per_hour=15.0,
-        reflection=25.0,
+        reflection=20.0,
         canyon_share=0.5,
         canyon_deg=45.0,
         canyon_reflected=0.35,
