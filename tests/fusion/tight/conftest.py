@@ -42,8 +42,8 @@ def received(
 ) -> SatelliteRanges:
     """Ranges of satellites that drift slowly over the sky, with white errors of ``noise``.
 
-    ``clock`` and ``drift`` of shape (B, M); satellite s keeps the time of system s mod len(offsets).
-    Errors are drawn only where ``noise`` is given.
+    ``clock`` and ``drift`` of shape (B, M); satellite s is of system s mod len(offsets). Errors are
+    drawn only where ``noise`` is given.
     """
     batch, count = car.lat.shape
     g = torch.Generator().manual_seed(seed)
