@@ -41,6 +41,7 @@ SMALLEST = {
         *("--drift-minutes", "0.2", "--compare-minutes", "0.2"),
     ],
     "simulator": ["--hours", "0.05"],
+    "single_point": ["--logs", "simulated", "--repeat", "1", "--seconds", "60"],
 }
 
 
