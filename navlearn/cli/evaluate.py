@@ -18,6 +18,7 @@ from navlearn.cli.arguments import (
     split_numbers,
     split_words,
 )
+from navlearn.errors import ConfigError
 
 
 def evaluate(
@@ -47,6 +48,20 @@ def evaluate(
             "--times", help="Starts of the outages, s, separated by commas; instead of COUNT."
         ),
     ] = None,
+    satellites: Annotated[
+        int | None,
+        typer.Option(
+            "--satellites", min=0, help="Satellites whose raw ranges stay; none if left out."
+        ),
+    ] = None,
+    visible: Annotated[
+        str | None,
+        typer.Option(
+            "--visible",
+            help="Which of them: highest, best_geometry, worst_geometry, random (by --seed), or "
+            "names separated by commas, such as G07,G12.",
+        ),
+    ] = None,
     dims: DimsOption = 2,
     rate: RateOption = 10.0,
     sensors: SensorsOption = "riss",
@@ -59,11 +74,12 @@ def evaluate(
     from navlearn.recipe import recipe_for
 
     protocol: dict[str, Any] = {"warm_up_s": warm_up, "placement": placement}
-    if placement == "random":
+    if "random" in (placement, visible):
         protocol["seed"] = seed
     if times is not None:
         starts = split_numbers(times, option="--times")
         protocol |= {"placement": "listed", "times_s": starts, "count": len(starts)}
+    protocol |= _satellites(satellites, visible)
     recipe = recipe_for(
         log,
         format,
@@ -75,3 +91,17 @@ def evaluate(
         seed=seed,
     )
     run_and_show(recipe, out, force=force, progress=not quiet)
+
+
+def _satellites(count: int | None, visible: str | None) -> dict[str, Any]:
+    """Return how many satellites stay, and the rule or the names that tell which."""
+    stay = {} if count is None else {"satellites": count}
+    if visible is None:
+        return stay
+    if any(character.isdigit() for character in visible):
+        return {**stay, "visible": "listed", "visible_satellites": split_words(visible)}
+    if count is None:
+        raise ConfigError(
+            f"--visible {visible} tells which satellites stay; add --satellites COUNT"
+        )
+    return {**stay, "visible": visible}

@@ -38,16 +38,10 @@ def with_satellites(
         LogError: Satellites are to stay, but the log has no raw ranges, or in no outage enough of
             them could.
     """
-    needed = max(protocol.satellites, protocol.min_satellites)
-    if needed == 0 or not outages:
+    needed, ranges = needed_satellites(protocol), ranges_needed(protocol, log)
+    if ranges is None or not outages:
         return outages, [], []
-    if log.ranges is None or log.ranges.empty:
-        raise LogError(
-            f"{log.metadata.name}: {needed} satellites are to stay through each outage, but the "
-            "log has no raw ranges; take a log with a table of ranges, or set "
-            "outages.satellites: 0"
-        )
-    ranges, received = log.ranges, receptions_of(log.ranges)
+    received = receptions_of(ranges)
     kept, excluded, said = [], list[Exclusion](), list[str]()
     for outage in outages:
         found = _visible(protocol, ranges, track, received, outage, needed)
@@ -64,6 +58,37 @@ def with_satellites(
             + ". Ask for fewer, or lower outages.min_tracked or outages.min_elevation_deg"
         )
     return tuple(kept), excluded, [_rule(protocol), *_choice(protocol, said)]
+
+
+def needed_satellites(protocol: OutageProtocol) -> int:
+    """Return how many satellites must be there for an outage to be scored.
+
+    Args:
+        protocol: How many stay, and how many could.
+    """
+    return max(protocol.satellites, protocol.min_satellites)
+
+
+def ranges_needed(protocol: OutageProtocol, log: DriveLog) -> pd.DataFrame | None:
+    """Return the raw ranges by which satellites are chosen, None where none are to stay.
+
+    Args:
+        protocol: How many stay.
+        log: The drive.
+
+    Raises:
+        LogError: Satellites are to stay, but the log has no raw ranges.
+    """
+    needed = needed_satellites(protocol)
+    if needed == 0:
+        return None
+    if log.ranges is None or log.ranges.empty:
+        raise LogError(
+            f"{log.metadata.name}: {needed} satellites are to stay through each outage, but the "
+            "log has no raw ranges; take a log with a table of ranges, or set "
+            "outages.satellites: 0"
+        )
+    return log.ranges
 
 
 def _visible(

@@ -11,7 +11,7 @@ from navlearn.errors import LogError
 from navlearn.logs.drive_log import DriveLog
 from navlearn.outages import selection
 from navlearn.outages.dynamics import STANDSTILL_SPEED, classify_windows, over_windows
-from navlearn.outages.partial import with_satellites
+from navlearn.outages.partial import ranges_needed, with_satellites
 from navlearn.outages.quality import bad_reference, gaps, within_any
 from navlearn.outages.receptions import GOOD_SATELLITES, receptions_of
 from navlearn.outages.schedule import Exclusion, Outage, OutageProtocol, Placement, refuse_overlaps
@@ -33,9 +33,11 @@ def place_outages(protocol: OutageProtocol, log: DriveLog) -> Placement:
 
     Raises:
         ConfigError: Listed outages overlap.
-        LogError: An outage lies outside the log, or fewer than asked for fit; the message says
-            how many do; or too few satellites could stay in all of them.
+        LogError: Satellites are to stay in a log without raw ranges; an outage lies outside the
+            log; fewer than asked for fit, and the message says how many do; or too few satellites
+            could stay in all of them.
     """
+    ranges_needed(protocol, log)
     track = track_of(log)
     begin, end = _span(log, track)
     bad = bad_reference(

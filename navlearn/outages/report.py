@@ -6,8 +6,10 @@ from pathlib import Path
 
 import pandas as pd
 
+from navlearn.outages.cells import are_partial
 from navlearn.outages.markdown import markdown_table, number, one_line
 from navlearn.outages.meaning import meaning, run_warnings
+from navlearn.outages.naming import counted
 from navlearn.outages.published import published_section
 from navlearn.outages.report_methods import in_order, methods_section
 from navlearn.outages.roles import real_time
@@ -95,11 +97,18 @@ def _protocol_text(protocol: OutageProtocol) -> str:
         )
     return (
         f"\n**Protocol.** {where}{rules}. From its start on, within an outage and after it, no fix "
-        "exists for any method. Not scored is where the reference has a hole longer than "
-        f"{protocol.max_reference_interval:g} s, or slides more than "
+        f"exists for any method{_staying(protocol)}. Not scored is where the reference has a hole "
+        f"longer than {protocol.max_reference_interval:g} s, or slides more than "
         f"{protocol.max_reference_slip:g} m against its own velocity within "
         f"{protocol.slip_span:g} s.\n"
     )
+
+
+def _staying(protocol: OutageProtocol) -> str:
+    if protocol.satellites == 0:
+        return ", nor any raw range"
+    stay = counted(protocol.satellites, "satellite")
+    return f", nor any raw range, but within the outage those of {stay} (`{protocol.visible}`)"
 
 
 def _setup(summary: RunSummary) -> list[str]:
@@ -141,9 +150,10 @@ def _outage_section(summary: RunSummary) -> list[str]:
         index=["drive", "outage"], columns="method", values=summary.metric, dropna=False
     )
     first = rows.drop_duplicates(["drive", "outage"]).set_index(["drive", "outage"])
-    several = len(summary.drives) > 1
+    several, partial = len(summary.drives) > 1, are_partial(rows)
     methods, competing = in_order(summary), real_time(summary.methods)
-    header = ["outage", "start s", "dynamics", "distance m", *methods]
+    header = ["outage", "start s", "dynamics", *(["satellites"] if partial else [])]
+    header += ["distance m", *methods]
     lines = []
     for key in list(first.index)[:MOST_OUTAGES]:
         about = first.loc[key]
@@ -152,6 +162,7 @@ def _outage_section(summary: RunSummary) -> list[str]:
         lines.append(
             [
                 name, f"{about['start_s']:.1f}", str(about["dynamics"]),
+                *([str(about["satellites_visible"]) or "none"] if partial else []),
                 number(about["distance_m"], 0), *_best_in_bold(values, competing),
             ]
         )  # fmt: skip

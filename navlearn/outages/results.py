@@ -10,6 +10,8 @@ from navlearn.outages.output import OutputFolder
 from navlearn.outages.plots import plot_distribution, plot_error_growth
 from navlearn.outages.report import write_report
 from navlearn.outages.run_summary import RunSummary
+from navlearn.outages.sky import skies_of
+from navlearn.outages.sky_plots import plot_skies
 from navlearn.outages.tables import write_outages_csv, write_summary_json
 
 MOST_DRIVES_DRAWN = 6
@@ -76,4 +78,11 @@ def write_figures(
             f"Drift of each method through the outages of {name}, seen from where the car is (the "
             "cross): dots are the errors at the end, the grey sketch is the road, north up."
         )
+        if any(outage.satellites_visible for outage in scene.outages):
+            skies = skies_of(scene.log, scene.outages)
+            plot_skies(output.claim("sky" + ending), skies, scene.outages)
+            captions["sky" + ending] = (
+                f"The sky over {name} at the last reception before each outage, the zenith in the "
+                "middle, circles 30° apart: large and in colour the satellites that stay."
+            )
     return captions

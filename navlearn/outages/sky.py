@@ -4,6 +4,7 @@ Where the car is comes from the track: of satellites 20 000 km away a kilometre 
 by less than 0.01°, so that nothing of the reference's precision is in the choice.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +12,10 @@ import pandas as pd
 import torch
 
 from navlearn.gnss.sight import sight
-from navlearn.outages.track import Array, Track
+from navlearn.logs.drive_log import DriveLog
+from navlearn.outages.receptions import receptions_of
+from navlearn.outages.schedule import Outage
+from navlearn.outages.track import Array, Track, track_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,3 +58,17 @@ def sky_at(ranges: pd.DataFrame, t: float, track: Track) -> Sky:
         elevation=found.elevation.numpy(),
         azimuth=found.azimuth.numpy(),
     )
+
+
+def skies_of(log: DriveLog, outages: Sequence[Outage]) -> list[Sky]:
+    """Return the sky of the last reception before each outage; none without raw ranges.
+
+    Args:
+        log: The whole drive.
+        outages: Outages, each with a reception before it.
+    """
+    if log.ranges is None or log.ranges.empty:
+        return []
+    received, track = receptions_of(log.ranges), track_of(log)
+    last = [received.before(outage.start) for outage in outages]
+    return [sky_at(log.ranges, float(received.t[k]), track) for k in last if k is not None]

@@ -183,6 +183,11 @@ def test_truncated_mat_file(tmp_path: Path) -> None:
         (["--dims", "4"], "2 or 3"),
         (["--rate", "0"], "mechanization.rate_hz is 0.0; expected greater than 0"),
         (["--placement", "sprad"], "did you mean 'spread'"),
+        (["--satellites", "2", "--visible", "higest"], "did you mean 'highest'"),
+        (["--visible", "random"], "add --satellites COUNT"),
+        (["--satellites", "3", "--visible", "G01,G02"], "visible_satellites lists 2"),
+        (["--visible", "G01,2"], "outages.visible_satellites[1]"),
+        (["--satellites", "1"], "the log has no raw ranges"),
         (["--model", "absent.yaml"], "no such model spec"),
     ],
 )

@@ -1,9 +1,13 @@
+import math
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
+import torch
 
+from navlearn import frames
 from navlearn.logs.drive_log import DriveLog, LogMetadata
 from navlearn.outages.acting import verdict_columns
 from navlearn.outages.metrics import FIGURES
@@ -100,5 +104,49 @@ def make_rows() -> Callable[..., pd.DataFrame]:
                         }
                     )  # fmt: skip
         return pd.DataFrame(rows)
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def sky() -> Mapping[str, tuple[float, float]]:
+    """Elevation and azimuth, degrees, of satellites that do not move against the Earth."""
+    return {
+        "G01": (80.0, 10.0),
+        "G02": (60.0, 100.0),
+        "G03": (45.0, 200.0),
+        "G04": (30.0, 290.0),
+        "E05": (20.0, 45.0),
+        "R06": (12.0, 135.0),
+        "G07": (5.0, 330.0),
+    }
+
+
+@pytest.fixture(scope="session")
+def with_ranges(
+    sky: Mapping[str, tuple[float, float]],
+) -> Callable[..., DriveLog]:
+    """A drive with ranges at 1 Hz to the satellites of the sky; ``lost`` tells which are not."""
+
+    def make(
+        log: DriveLog, lost: Callable[[str, np.ndarray], np.ndarray] | None = None
+    ) -> DriveLog:
+        assert log.reference is not None
+        at = log.reference.iloc[::10]
+        t = at["t"].to_numpy()
+        place = [torch.tensor(at[name].to_numpy()) for name in ("lat", "lon", "height")]
+        antenna = frames.ecef_from_geodetic(*place)
+        turn = frames.enu_from_ecef_matrix(place[0], place[1])
+        parts = []
+        for name, (elevation, azimuth) in sky.items():
+            e, a = math.radians(elevation), math.radians(azimuth)
+            unit = [math.cos(e) * math.sin(a), math.cos(e) * math.cos(a), math.sin(e)]
+            away = 2.2e7 * (turn.transpose(-1, -2) @ torch.tensor(unit, dtype=torch.float64))
+            x, y, z = (antenna + away).T.numpy()
+            part = pd.DataFrame({"t": t, "satellite": name, "pseudorange": 2.2e7})
+            part = part.assign(range_rate=0.0, sat_x=x, sat_y=y, sat_z=z)
+            parts.append(part if lost is None else part[~lost(name, t)])
+        ranges = pd.concat(parts).sort_values(["t", "satellite"], ignore_index=True)
+        return replace(log, ranges=ranges)
 
     return make

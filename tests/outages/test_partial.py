@@ -1,7 +1,7 @@
 """Partial outages: the satellites that stay, by rule, and what methods are handed of them."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 from pathlib import Path
@@ -9,11 +9,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from navlearn import frames
 from navlearn.errors import ConfigError, LogError
 from navlearn.logs.drive_log import DriveLog
 from navlearn.outages.known_log import known_log
@@ -26,47 +24,13 @@ from navlearn.outages.track import track_of
 from navlearn.outages.visible import PRIOR, RANGE, chosen, information
 
 MakeLog = Callable[..., DriveLog]
-
-# Elevation and azimuth, degrees, of satellites that do not move against the Earth.
-SKY = {
-    "G01": (80.0, 10.0),
-    "G02": (60.0, 100.0),
-    "G03": (45.0, 200.0),
-    "G04": (30.0, 290.0),
-    "E05": (20.0, 45.0),
-    "R06": (12.0, 135.0),
-    "G07": (5.0, 330.0),
-}
+WithRanges = Callable[..., DriveLog]
+Directions = Mapping[str, tuple[float, float]]
 
 
 def direction(elevation: float, azimuth: float) -> np.ndarray:
     e, a = math.radians(elevation), math.radians(azimuth)
     return np.array([math.cos(e) * math.sin(a), math.cos(e) * math.cos(a), math.sin(e)])
-
-
-def with_ranges(log: DriveLog, lost: Callable[[str, np.ndarray], np.ndarray]) -> DriveLog:
-    """Return the log with ranges at 1 Hz to the satellites of SKY; ``lost`` tells which are not."""
-    reference = log.reference
-    assert reference is not None
-    at = reference.iloc[::10]
-    place = [torch.tensor(at[name].to_numpy()) for name in ("lat", "lon", "height")]
-    antenna = frames.ecef_from_geodetic(*place)
-    turn = frames.enu_from_ecef_matrix(place[0], place[1])
-    parts = []
-    for name, seen in SKY.items():
-        unit = torch.tensor(direction(*seen))
-        away = 2.2e7 * (turn.transpose(-1, -2) @ unit)
-        x, y, z = (antenna + away).T.numpy()
-        t = at["t"].to_numpy()
-        part = pd.DataFrame({"t": t, "satellite": name, "pseudorange": 2.2e7})
-        part = part.assign(range_rate=0.0, sat_x=x, sat_y=y, sat_z=z)
-        parts.append(part[~lost(name, t)])
-    ranges = pd.concat(parts).sort_values(["t", "satellite"], ignore_index=True)
-    return replace(log, ranges=ranges)
-
-
-def nothing_lost(name: str, t: np.ndarray) -> np.ndarray:
-    return np.zeros(t.shape, dtype=bool)
 
 
 @pytest.fixture(scope="module")
@@ -75,22 +39,22 @@ def plain(make_log: MakeLog) -> DriveLog:
 
 
 @pytest.fixture(scope="module")
-def log(plain: DriveLog) -> DriveLog:
-    return with_ranges(plain, nothing_lost)
+def log(plain: DriveLog, with_ranges: WithRanges) -> DriveLog:
+    return with_ranges(plain)
 
 
 def placed(log: DriveLog, **rules: object) -> Placement:
     return place_outages(OutageProtocol(**{"count": 3, "warm_up": 100.0, **rules}), log)
 
 
-def test_directions_are_those_of_the_sky(log: DriveLog) -> None:
-    sky = sky_at(log.ranges, 200.0, track_of(log))
-    assert sky.names == tuple(sorted(SKY))
-    for k, name in enumerate(sky.names):
-        elevation, azimuth = SKY[name]
-        assert math.degrees(sky.elevation[k]) == pytest.approx(elevation, abs=1e-6)
-        assert math.degrees(sky.azimuth[k]) % 360.0 == pytest.approx(azimuth, abs=1e-6)
-        np.testing.assert_allclose(sky.unit[k], direction(elevation, azimuth), atol=1e-9)
+def test_directions_are_those_of_the_sky(log: DriveLog, sky: Directions) -> None:
+    found = sky_at(log.ranges, 200.0, track_of(log))
+    assert found.names == tuple(sorted(sky))
+    for k, name in enumerate(found.names):
+        elevation, azimuth = sky[name]
+        assert math.degrees(found.elevation[k]) == pytest.approx(elevation, abs=1e-6)
+        assert math.degrees(found.azimuth[k]) % 360.0 == pytest.approx(azimuth, abs=1e-6)
+        np.testing.assert_allclose(found.unit[k], direction(elevation, azimuth), atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -106,7 +70,9 @@ def test_the_highest_stay(log: DriveLog, count: int, expected: tuple[str, ...]) 
         assert (f"{outage.start:g} s: {' '.join(expected)}" in told) == (count > 0)
 
 
-def test_low_satellites_and_those_lost_through_the_outage_do_not_stay(plain: DriveLog) -> None:
+def test_low_satellites_and_those_lost_through_the_outage_do_not_stay(
+    plain: DriveLog, with_ranges: WithRanges, sky: Directions
+) -> None:
     # 61 receptions from 300 to 360 s; seven of them lost are 11.5 %, six are 9.8 %.
     def lost(name: str, t: np.ndarray) -> np.ndarray:
         first, last = {"G01": (310, 316), "G02": (310, 315)}.get(name, (-1, -1))
@@ -115,13 +81,15 @@ def test_low_satellites_and_those_lost_through_the_outage_do_not_stay(plain: Dri
     drive = with_ranges(plain, lost)
     rules = {"placement": "listed", "times": (300.0, 400.0), "satellites": 6}
     seven = placed(drive, **{**rules, "min_elevation": 0.0})
-    assert seven.outages[0].satellites_visible == tuple(sorted(set(SKY) - {"G01"}))
+    assert seven.outages[0].satellites_visible == tuple(sorted(set(sky) - {"G01"}))
     five = placed(drive, **{**rules, "satellites": 5})
-    assert five.outages[0].satellites_visible == tuple(sorted(set(SKY) - {"G01", "G07"}))
-    assert five.outages[1].satellites_visible == tuple(sorted(set(SKY) - {"R06", "G07"}))
+    assert five.outages[0].satellites_visible == tuple(sorted(set(sky) - {"G01", "G07"}))
+    assert five.outages[1].satellites_visible == tuple(sorted(set(sky) - {"R06", "G07"}))
 
 
-def test_an_outage_with_too_few_satellites_is_excluded_and_says_so(plain: DriveLog) -> None:
+def test_an_outage_with_too_few_satellites_is_excluded_and_says_so(
+    plain: DriveLog, with_ranges: WithRanges
+) -> None:
     def lost(name: str, t: np.ndarray) -> np.ndarray:
         kept = name in ("G01", "G02")
         return (t >= 400.0) & (t <= 470.0) & (not kept)
@@ -145,14 +113,18 @@ def test_an_outage_with_too_few_satellites_is_excluded_and_says_so(plain: DriveL
         placed(drive, **rules, satellites=7)
 
 
-def test_a_silent_receiver_before_the_outage_excludes_it(plain: DriveLog) -> None:
+def test_a_silent_receiver_before_the_outage_excludes_it(
+    plain: DriveLog, with_ranges: WithRanges
+) -> None:
     drive = with_ranges(plain, lambda name, t: (t >= 290.0) & (t < 300.0))
     found = placed(drive, placement="listed", times=(300.0, 400.0), satellites=1)
     assert [outage.start for outage in found.outages] == [400.0]
     assert "nothing is received within 3.5 s before it" in found.excluded[0].reason
 
 
-def test_listed_satellites_stay_or_the_outage_is_excluded(log: DriveLog, plain: DriveLog) -> None:
+def test_listed_satellites_stay_or_the_outage_is_excluded(
+    log: DriveLog, plain: DriveLog, with_ranges: WithRanges
+) -> None:
     rules = {"visible": "listed", "visible_satellites": ("E05", "G02", "G04"), "satellites": 2}
     found = placed(log, **rules)
     assert {outage.satellites_visible for outage in found.outages} == {("E05", "G02")}
@@ -174,13 +146,15 @@ def test_a_draw_is_the_same_again_nested_and_differs_between_outages(log: DriveL
     assert three != drawn(3, seed=4)
 
 
-def test_satellites_need_ranges(plain: DriveLog) -> None:
+def test_satellites_need_ranges(plain: DriveLog, with_ranges: WithRanges) -> None:
     with pytest.raises(LogError, match="the log has no raw ranges"):
         placed(plain, satellites=1)
-    assert placed(plain, satellites=0).outages == placed(with_ranges(plain, nothing_lost)).outages
+    assert placed(plain, satellites=0).outages == placed(with_ranges(plain)).outages
 
 
-def test_a_drive_without_fixes_is_placed_by_its_receptions(plain: DriveLog) -> None:
+def test_a_drive_without_fixes_is_placed_by_its_receptions(
+    plain: DriveLog, with_ranges: WithRanges
+) -> None:
     # Three satellites alone through 300 to 400 s: no position comes of them.
     drive = with_ranges(
         plain, lambda name, t: (t > 300.0) & (t < 400.0) & (name not in ("G01", "G02", "G03"))
@@ -196,8 +170,8 @@ def test_a_drive_without_fixes_is_placed_by_its_receptions(plain: DriveLog) -> N
         placed(deaf)
 
 
-def test_a_short_drive_has_short_outages(make_log: MakeLog) -> None:
-    drive = with_ranges(make_log(duration=170.0, speed=6.0), nothing_lost)
+def test_a_short_drive_has_short_outages(make_log: MakeLog, with_ranges: WithRanges) -> None:
+    drive = with_ranges(make_log(duration=170.0, speed=6.0))
     drive = replace(drive, fixes=drive.fixes.iloc[:0])
     rules = {"warm_up": 40.0, "warm_up_moving": 20.0, "min_gap": 10.0, "good_before": 5.0}
     found = placed(drive, count=4, duration=20.0, satellites=3, **rules)
@@ -353,13 +327,15 @@ def test_ranges_withheld_move_no_output_and_those_that_stay_do(
         assert (moved["lat"] != clean["lat"]).all()
 
 
-def test_post_processing_sees_ranges_after_the_outage_and_only_some_within(log: DriveLog) -> None:
+def test_post_processing_sees_ranges_after_the_outage_and_only_some_within(
+    log: DriveLog, sky: Directions
+) -> None:
     outage = OUTAGES[0]
     known = known_log(log, outage, after=20.0)
     t, name = known.ranges["t"], known.ranges["satellite"]
     inside = (t >= outage.start) & (t < outage.end)
     assert set(name[inside]) == {"G02", "R06"}
-    assert set(name[(t >= outage.end) & (t <= 280.0)]) == set(SKY)
+    assert set(name[(t >= outage.end) & (t <= 280.0)]) == set(sky)
     assert t.max() == 280.0
 
 
@@ -375,10 +351,10 @@ def test_another_choice_of_satellites_is_another_stored_solution(
     assert len(method.seen) == 2
 
 
-def test_receptions_are_counted_by_moment(log: DriveLog) -> None:
+def test_receptions_are_counted_by_moment(log: DriveLog, sky: Directions) -> None:
     ranges = log.ranges[(log.ranges["t"] != 5.0) | (log.ranges["satellite"] == "G01")]
     found = receptions_of(ranges)
-    assert found.names == tuple(sorted(SKY))
+    assert found.names == tuple(sorted(sky))
     assert found.before(0.0) is None
     assert found.t[found.before(5.0)] == 4.0
     share = dict(zip(found.names, found.share(4.0, 7.0), strict=True))

@@ -89,6 +89,29 @@ def test_outage_section_becomes_the_protocol_it_says() -> None:
     assert (protocol.duration, protocol.seed) == (9.0, 3)
 
 
+def test_satellites_that_stay_reach_the_protocol(tmp_path: Path) -> None:
+    named = "outages: {visible: listed, visible_satellites: [G07, E12], min_elevation_deg: 30}\n"
+    protocol = load_recipe(write(tmp_path, LEAST + named)).outages.protocol()
+    # As many stay as are listed, where nothing else is said.
+    assert (protocol.satellites, protocol.visible_satellites) == (2, ("G07", "E12"))
+    assert protocol.min_elevation == pytest.approx(0.5235987755982988)
+    assert OutageSection().protocol().min_elevation == pytest.approx(OutageProtocol().min_elevation)
+    one = named.replace("visible:", "satellites: 1, visible:")
+    assert load_recipe(write(tmp_path, LEAST + one)).outages.protocol().satellites == 1
+    for entry, words in (
+        ("satellites: -1", "outages.satellites is -1"),
+        ("visible: lowest", "outages.visible is 'lowest'"),
+        ("visible_satellites: [G07]", "for visible 'listed', each once, and only for it"),
+        ("visible: listed", "for visible 'listed', each once, and only for it"),
+        ("visible: listed, visible_satellites: [G07, G07]", "each once"),
+        ("visible: listed, visible_satellites: [seven]", "outages.visible_satellites[0]"),
+        ("visible: listed, visible_satellites: [G07], satellites: 2", "lists 1"),
+        ("min_tracked: 1.5", "outages.min_tracked is 1.5"),
+        ("min_elevation_deg: 90", "outages.min_elevation_deg is 90"),
+    ):
+        assert words in refusal(tmp_path, f"{LEAST}outages: {{{entry}}}\n")
+
+
 def test_filter_overrides_lie_over_the_defaults(tmp_path: Path) -> None:
     text = LEAST + (
         "filter: {model: bias_free, correlation_time: .inf, lever_arm: [0, 1, 2],\n"

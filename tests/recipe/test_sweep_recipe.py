@@ -120,3 +120,55 @@ def test_a_real_drive_is_not_spoilt_twice(tmp_path: Path) -> None:
     text = SWEEP.replace("type: simulated,", f"type: degraded, {log},")
     with pytest.raises(ConfigError, match="the sweep's grades tell the gyro's error"):
         load_sweep(written(tmp_path, text))
+
+
+SATELLITES = SWEEP.replace("[20, 30]", "[20, 30], satellites: [2, 0], sky: suburban")
+
+
+def test_numbers_of_satellites_are_a_dimension_of_their_own(tmp_path: Path) -> None:
+    sweep = load_sweep(written(tmp_path, SATELLITES))
+    assert sweep.conditions == ((20.0, 2), (20.0, 0), (30.0, 2), (30.0, 0))
+    assert isinstance(sweep.sweep, SimulatedDrives)
+    assert sweep.sweep.sky == "suburban"
+    two, none = (sweep.for_drive("any", 30.0, satellites=number) for number in (2, 0))
+    assert (two.outages.satellites, none.outages.satellites) == (2, 0)
+    # The same outages: those through which two could stay.
+    assert two.outages.min_satellites == none.outages.min_satellites == 2
+    assert none.outages.protocol().min_satellites == 2
+    again = tmp_path / "resolved.yaml"
+    again.write_text(yaml.safe_dump(sweep.resolved()), encoding="utf-8")
+    assert load_sweep(again) == sweep
+    assert sweep.shortened(drives=1).sweep.satellites == (2, 0)
+    assert load_sweep(written(tmp_path, SWEEP)).conditions == ((20.0, 0), (30.0, 0))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            SWEEP.replace("count: 2,", "count: 2, satellites: 1,"),
+            r"outages\.satellites: a sweep has sweep\.satellites in its place",
+        ),
+        (SATELLITES.replace("[2, 0]", "[2, 2]"), "list each once"),
+        (SATELLITES.replace("[2, 0]", "[-1]"), "greater than or equal to 0"),
+        (SATELLITES.replace("suburban", "subruban"), "did you mean 'suburban'"),
+        (
+            SATELLITES.replace(
+                "count: 2,", "count: 2, visible: listed, visible_satellites: [G01],"
+            ),
+            r"sweep\.satellites: 2 are to stay but outages\.visible_satellites lists 1",
+        ),
+    ],
+)
+def test_numbers_that_do_not_fit_are_refused(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        load_sweep(written(tmp_path, text))
+
+
+def test_listed_satellites_are_taken_from_the_front(tmp_path: Path) -> None:
+    text = SATELLITES.replace(
+        "count: 2,", "count: 2, visible: listed, visible_satellites: [G05, G01],"
+    )
+    protocol = load_sweep(written(tmp_path, text)).for_drive("any", 20.0, satellites=1).outages
+    assert protocol.protocol().visible_satellites == ("G05", "G01")
+    assert protocol.protocol().satellites == 1
