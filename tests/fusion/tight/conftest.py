@@ -2,22 +2,27 @@
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pytest
 import torch
 from torch import Tensor
 
-from navlearn.frames import ecef_from_geodetic, enu_from_ecef_matrix
+from navlearn.filters.belief import Belief
+from navlearn.frames import ecef_from_geodetic, enu_between, enu_from_ecef_matrix
+from navlearn.fusion.error_state import initial_belief
+from navlearn.fusion.options import EkfOptions
+from navlearn.fusion.tight.history import TightHistory
 from navlearn.gnss.range_noise import (
     RangeNoiseOptions,
     range_noise,
     range_variance,
     rate_variance,
 )
-from navlearn.states import SatelliteRanges
+from navlearn.states import FixTiming, RissSample, SatelliteRanges, Trajectory
 
 AZIMUTHS = (0.3, 1.4, 2.2, 3.1, 4.0, 4.9, 5.8, 0.9)
+EXACT_NOISE = RangeNoiseOptions()
 ELEVATIONS = (0.4, 1.2, 0.7, 0.35, 0.9, 0.5, 0.75, 0.3)
 
 
@@ -133,3 +138,59 @@ def make_clock() -> Callable[..., tuple[Tensor, Tensor]]:
 @pytest.fixture(scope="session")
 def make_car() -> type[Car]:
     return Car
+
+
+class RangeDrive(NamedTuple):
+    """A RISS drive of the house's small car with ranges at its fixes, batch shape (B,).
+
+    ``clock`` and ``drift`` are those of the receiver, shape (B, M).
+    """
+
+    options: EkfOptions
+    start: Belief
+    truth: Trajectory
+    samples: RissSample
+    ranges: SatelliteRanges
+    timing: FixTiming
+    clock: Tensor
+    drift: Tensor
+
+
+@pytest.fixture(scope="session")
+def range_drive(make_drive: Callable[..., Any]) -> Callable[..., RangeDrive]:
+    def make(
+        seconds: int = 40,
+        batch: int = 1,
+        seed: int = 0,
+        satellites: int = 8,
+        offsets: tuple[float, ...] = (0.0, 120.0),
+        noise: RangeNoiseOptions | None = EXACT_NOISE,
+    ) -> RangeDrive:
+        d = make_drive(seconds=seconds, batch=batch, seed=seed)
+        options = EkfOptions(position=False, velocity=False)
+        at = [torch.gather(x, 1, d.timing.index) for x in d.truth[:3]]
+        true = make_drive(seconds=seconds, batch=batch, seed=seed, velocity_sigma=0.0).fixes
+        velocity = torch.stack((true.v_e, true.v_n, true.v_u), -1)
+        time = torch.arange(1, seconds + 1, dtype=torch.float64)
+        clock, drift = clock_of(time, batch, seed)
+        car = Car(*at, velocity)
+        ranges = received(car, time, clock, drift, satellites, offsets, noise, seed)
+        start = initial_belief(options, d.start)
+        return RangeDrive(options, start, d.truth, d.samples, ranges, d.timing, clock, drift)
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def off() -> Callable[..., Tensor]:
+    """How far a history's trajectory is from the truth, east, north, up, m, shape (B, T, 3)."""
+
+    def found(history: TightHistory, truth: Trajectory) -> Tensor:
+        return torch.stack(enu_between(*history.trajectory[:3], *truth[:3]), -1)
+
+    return found
+
+
+@pytest.fixture(scope="session")
+def model_start() -> Callable[..., Belief]:
+    return initial_belief
