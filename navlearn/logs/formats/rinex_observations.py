@@ -248,7 +248,7 @@ class _Reader:
             body = [text.rstrip("\n") for text in itertools.islice(self.stream, count)]
             if self._skipped(flag, body, count):
                 continue
-            t = self._time(line, line[2:6], line[7:9], line[10:12], line[13:15], line[16:18], 19)
+            t = self._time(line, line[2:6], line[7:9], line[10:12], line[13:15], line[16:18], 18)
             yield t, [(self._satellite(text[:3]), text[3:]) for text in body]
 
     def _records_2(self) -> Iterator[tuple[float, list[tuple[str, str]]]]:
