@@ -137,6 +137,7 @@ def simulate_drive(
         ConfigError: A name is not known, or a figure makes no sense.
     """
     figures = find_grade(grade)
+    options = None if satellites is None else find_satellites(satellites)
     _check(
         seed,
         imu_rate_hz=imu_rate_hz,
@@ -197,7 +198,7 @@ def simulate_drive(
         grade=figures,
         seed=seed,
     )
-    return drive if satellites is None else _with_ranges(drive, scene, find_satellites(satellites))
+    return drive if options is None else _with_ranges(drive, scene, options)
 
 
 def _with_ranges(drive: SimulatedDrive, scene: _Scene, options: SatelliteOptions) -> SimulatedDrive:
