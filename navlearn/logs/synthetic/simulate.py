@@ -202,12 +202,15 @@ def simulate_drive(
 
 
 def _with_ranges(drive: SimulatedDrive, scene: _Scene, options: SatelliteOptions) -> SimulatedDrive:
-    made = scene.ranges(drive.grade, drive.grade, options)
-    exact = scene.ranges(find_grade("ideal"), drive.grade, options).without_errors()
+    made = prompt = scene.ranges(drive.grade, drive.grade, options)
+    if drive.grade.gnss.latency > 0.0:
+        prompt = scene.ranges(find_grade("ideal"), drive.grade, options)
     return replace(
         drive,
         log=with_ranges(drive.log, made, options=options),
-        ideal=with_ranges(drive.ideal, exact, options=replace(options, fixes="drawn")),
+        ideal=with_ranges(
+            drive.ideal, prompt.without_errors(), options=replace(options, fixes="drawn")
+        ),
         range_truth=made.truth,
     )
 
