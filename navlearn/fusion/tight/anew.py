@@ -87,7 +87,8 @@ def begun_anew(
     rates = common(left[..., count:], there[..., count:])
     drift = torch.where(flags.clock[..., DRIFT], rates, 0.0)
     shift = _with_offsets(innovation, by_clock, present, bias, drift, flags.clock)
-    return Anew(before.shift + shift, _variance(model, flags, innovation))
+    off = (innovation - shift[..., :1]).detach().abs()
+    return Anew(before.shift + shift, _variance(model, flags, common(off, present)))
 
 
 def told_by_clock(model: TightModel, found: Measured, shift: Tensor) -> Tensor:
@@ -142,22 +143,24 @@ def _with_offsets(
     return torch.stack(shift, -1)
 
 
-def _variance(model: TightModel, flags: Flags, like: Tensor) -> Tensor:
+def _variance(model: TightModel, flags: Flags, off: Tensor) -> Tensor:
+    """Return the variance added; ``off`` is how far pseudoranges are off in the middle, m."""
     gate, turn = model.options.gate, model.vehicle.gate.reset_azimuth
-    clock = like.new_full((model.size - model.first_clock,), gate.anew_clock)
+    clock = off.new_full((model.size - model.first_clock,), gate.anew_clock)
     clock[DRIFT] = gate.anew_drift
     position, motion = [0.0] * model.first_clock, [0.0] * model.first_clock
     for k, name in enumerate(model.vehicle.names):
         if name in ("east", "north", "up"):
-            position[k] = gate.anew_position
+            position[k] = 1.0
         elif name in ("v_east", "v_north", "v_up"):
             motion[k] = gate.anew_velocity
         elif name in ("azimuth", "phi_up"):
             motion[k] = turn
         elif name in ("phi_east", "phi_north"):
             motion[k] = TILT * turn
-    placed = like.new_tensor(position) * flags.position.unsqueeze(-1)
-    moving = like.new_tensor(motion) * flags.motion.unsqueeze(-1)
+    far = torch.clamp(3.0 * off, min=gate.anew_position).unsqueeze(-1)
+    placed = far * off.new_tensor(position) * flags.position.unsqueeze(-1)
+    moving = off.new_tensor(motion) * flags.motion.unsqueeze(-1)
     deviation = torch.cat((placed + moving, clock * flags.clock), -1)
     return torch.nn.functional.pad(deviation * deviation, (0, SURPRISES))
 

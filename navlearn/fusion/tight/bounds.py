@@ -96,11 +96,11 @@ def _check_usual(ranges: SatelliteRanges, has_range: Tensor) -> None:
         if not bool(use.any()):
             continue
         middle = float(value[use].detach().median())
-        if not USUAL_RANGES[0] < middle < USUAL_RANGES[1]:
+        if not USUAL_RANGES[0] < abs(middle) < USUAL_RANGES[1]:
             raise LogError(
                 f"tight filter: the middle one of the pseudoranges of drive {row} is {middle:g}; "
-                f"expected {USUAL_RANGES[0]:g} to {USUAL_RANGES[1]:g} m: convert to metres, and "
-                "take off seconds by which the receiver's clock is off"
+                f"expected a size of {USUAL_RANGES[0]:g} to {USUAL_RANGES[1]:g} m: convert to "
+                "metres, and take off the seconds by which the receiver's clock is off"
             )
 
 

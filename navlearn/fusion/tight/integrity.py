@@ -17,10 +17,11 @@ At a reception, in this order:
    times before. Position is not touched: its covariance stays, and a clock that begins anew takes
    up what all ranges share.
 4. After patience, and where no jump is believed, the filter may have drifted: position, clock,
-   velocity states and azimuth begin anew. It has if at least two more pseudoranges agree then, at
-   least ``least_satellites``, and ``redundant`` more or all; with no more than
-   ``least_satellites``, which always agree, also most must have been refused. Range rates refused
-   for as long open drift, velocity states and azimuth by the same rule.
+   velocity states and azimuth begin anew. It has if at least two more pseudoranges agree then, and
+   as many as position and clock need, ``least_satellites`` and one for each further system, and
+   ``redundant`` more or all; where there are no more than they need, which always agree, also most
+   must have been refused. Range rates refused for as long open drift, velocity states and azimuth
+   by the same rule.
 
 With three satellites and fewer, ranges alone never move a position by force.
 """
@@ -189,7 +190,7 @@ def _clock_flags(scene: Scene, plain: Hypothesis, patient: Tensor, refused: Tens
     """Return which clock states may have jumped."""
     model, there = scene.model, scene.there
     count = there.shape[-1] // 2
-    lost = _most_refused(there, plain.accepted)
+    lost = most_refused(there, plain.accepted)
     seen, out = there[..., :count], (there & ~plain.accepted)[..., :count]
     waited = refused[..., :count] >= model.options.gate.reset_after
     rates = common(scene.found.innovation[..., count:], there[..., count:]).detach().abs()
@@ -209,20 +210,19 @@ def _jumped(
 ) -> Tensor:
     """Return whether a jump of the clock is believed."""
     gate, (bias, drift) = scene.model.options.gate, (flags.clock[..., k] for k in (BIAS, DRIFT))
-    agreed = _groups(supposed.accepted).sum(-1)[..., 0]
+    agreed = groups(supposed.accepted).sum(-1)[..., 0]
     moved = (supposed.anew.shift - plain.anew.shift)[..., BIAS].detach().abs()
     visible = (agreed >= 2) & ((moved > gate.smallest_jump) | drift)
-    most = 2 * _groups(supposed.accepted).sum(-1) > _groups(scene.there).sum(-1)
+    most = 2 * groups(supposed.accepted).sum(-1) > groups(scene.there).sum(-1)
     fine = (visible | patient[..., 0]) & most[..., 0]
     return flags.clock.any(-1) & (fine | ~bias) & (most[..., 1] | ~drift) & _more(supposed, plain)
 
 
 def _drift_flags(scene: Scene, plain: Hypothesis, patient: Tensor) -> Flags:
     """Return where the filter may have drifted."""
-    gate, seen = scene.model.options.gate, _groups(scene.there).sum(-1)
-    enough = (seen > gate.least_satellites) | _most_refused(scene.there, plain.accepted)
-    lost = _many_refused(scene.there, plain.accepted) & (seen >= gate.least_satellites) & enough
-    lost = lost & patient
+    seen, needed = groups(scene.there).sum(-1), _needed(scene)
+    enough = (seen > needed) | most_refused(scene.there, plain.accepted)
+    lost = many_refused(scene.there, plain.accepted) & (seen >= needed) & enough & patient
     position, motion = lost[..., 0], lost.any(-1)
     clock = torch.zeros_like(plain.anew.shift, dtype=torch.bool) | position.unsqueeze(-1)
     clock[..., DRIFT] = motion
@@ -231,14 +231,22 @@ def _drift_flags(scene: Scene, plain: Hypothesis, patient: Tensor) -> Flags:
 
 def _drifted(scene: Scene, plain: Hypothesis, supposed: Hypothesis, flags: Flags) -> Tensor:
     """Return whether it is believed that the filter has drifted."""
-    gate = scene.model.options.gate
     before, after, seen = (
-        _groups(x).sum(-1) for x in (plain.accepted, supposed.accepted, scene.there)
+        groups(x).sum(-1) for x in (plain.accepted, supposed.accepted, scene.there)
     )
-    wanted = seen.clamp(max=gate.least_satellites + gate.redundant)
+    wanted = torch.minimum(seen, _needed(scene) + scene.model.options.gate.redundant)
     fine = (after >= wanted) & (after >= before + 2)
     asked = torch.where(flags.position, fine[..., 0], fine[..., 1])
     return flags.motion & asked & _more(supposed, plain)
+
+
+def _needed(scene: Scene) -> Tensor:
+    """Return how many pseudoranges, and range rates, tell what begins anew, shape (..., 2)."""
+    count, first = scene.there.shape[-1] // 2, scene.model.first_clock + DRIFT + 1
+    further = scene.found.observation[..., :count, first : scene.model.size] > 0.5
+    ranges = further.any(-2).sum(-1) + scene.model.options.gate.least_satellites
+    rates = torch.full_like(ranges, scene.model.options.gate.least_satellites)
+    return torch.stack((ranges, rates), -1)
 
 
 def _more(supposed: Hypothesis, plain: Hypothesis) -> Tensor:
@@ -251,19 +259,19 @@ def _chosen(where: Tensor, one: Hypothesis, other: Hypothesis) -> Hypothesis:
     return Hypothesis(Anew(*anew), torch.where(where, one.accepted, other.accepted))
 
 
-def _groups(per_measurement: Tensor) -> Tensor:
+def groups(per_measurement: Tensor) -> Tensor:
     """Return pseudoranges and range rates apart, shape (..., 2, S)."""
     return per_measurement.reshape(*per_measurement.shape[:-1], 2, -1)
 
 
-def _most_refused(there: Tensor, accepted: Tensor) -> Tensor:
+def most_refused(there: Tensor, accepted: Tensor) -> Tensor:
     """Return whether most pseudoranges, and most range rates, are refused, shape (..., 2)."""
-    return 2 * _groups(there & ~accepted).sum(-1) > _groups(there).sum(-1)
+    return 2 * groups(there & ~accepted).sum(-1) > groups(there).sum(-1)
 
 
-def _many_refused(there: Tensor, accepted: Tensor) -> Tensor:
+def many_refused(there: Tensor, accepted: Tensor) -> Tensor:
     """Return whether many are refused, two and a third at least or the only one, shape (..., 2)."""
-    out, seen = _groups(there & ~accepted).sum(-1), _groups(there).sum(-1)
+    out, seen = groups(there & ~accepted).sum(-1), groups(there).sum(-1)
     return (3 * out >= seen) & ((out >= 2) | (out == 1) & (seen == 1))
 
 
@@ -272,6 +280,6 @@ def _counted(refused: Tensor, there: Tensor, accepted: Tensor) -> Tensor:
     single, group = refused[..., :-2], refused[..., -2:]
     out = there & ~accepted
     single = torch.where(out, single + 1.0, torch.where(there, 0.0, single))
-    many, any_there = _many_refused(there, accepted), _groups(there).any(-1)
+    many, any_there = many_refused(there, accepted), groups(there).any(-1)
     group = torch.where(many, group + 1.0, torch.where(any_there, 0.0, group))
     return torch.cat((single, group), -1)

@@ -51,8 +51,8 @@ class RangeGateOptions:
         probability: Share of good measurements that pass; 1 switches the gate off.
         reset_after: Receptions in a row many of whose satellites must have been refused before
             position begins anew, or a clock that did not visibly jump.
-        least_satellites: Fewest ranges that may begin position anew.
-        redundant: By how many more it wants to be confirmed, where they are there.
+        least_satellites: Fewest ranges of one system that may begin position anew.
+        redundant: By how many more that wants to be confirmed, where they are there.
         unknown_clock: A bias or offset less certain than this is unknown, m: it is set to what the
             satellites agree on before they are judged.
         smallest_jump: Offset on which most satellites must agree for a jump of the clock's bias to
@@ -60,7 +60,7 @@ class RangeGateOptions:
         smallest_drift_jump: The same of its drift, m/s.
         anew_clock: Deviation with which a bias or an offset begins anew, m.
         anew_drift: The same of the drift, m/s.
-        anew_position: The same of position, m.
+        anew_position: The same of position, m; more where ranges are farther off.
         anew_velocity: The same of velocity states, m/s.
     """
 
