@@ -40,6 +40,7 @@ SMALLEST = {
         *("--repeats", "1", "--samples", "4000", "--loop-samples", "30"),
         *("--drift-minutes", "0.2", "--compare-minutes", "0.2"),
     ],
+    "satellite_positions": ["--points", "2", "--batch", "50", "--repeats", "1"],
     "simulator": ["--hours", "0.05"],
     "single_point": ["--logs", "simulated", "--repeat", "1", "--seconds", "60"],
 }

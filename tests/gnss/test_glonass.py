@@ -79,14 +79,16 @@ def test_against_an_integration_in_space() -> None:
 
     times = np.array([600.0, 1200.0, 1800.0])
     path = solve_ivp(newton, (0.0, 1800.0), inertial, "DOP853", times, rtol=1e-13, atol=1e-6).y.T
-    state = glonass_state(message(), 386118.0 + torch.tensor(times))
+    state = glonass_state(message(), 386118.0 + torch.tensor(times), longest_step=10.0)
+    usual = glonass_state(message(), 386118.0 + torch.tensor(times))
+    torch.testing.assert_close(usual.position, state.position, atol=1.5e-3, rtol=0)
     for k, t in enumerate(times):
         back = Rotation.from_rotvec(-spin * t)
         np.testing.assert_allclose(
-            state.position[k].numpy(), back.apply(path[k, :3]), atol=2e-4, rtol=0
+            state.position[k].numpy(), back.apply(path[k, :3]), atol=1e-5, rtol=0
         )
         against_earth = back.apply(path[k, 3:] - np.cross(spin, path[k, :3]))
-        np.testing.assert_allclose(state.velocity[k].numpy(), against_earth, atol=1e-6, rtol=0)
+        np.testing.assert_allclose(state.velocity[k].numpy(), against_earth, atol=1e-7, rtol=0)
 
 
 def test_at_its_own_time_the_message_stands() -> None:
@@ -101,7 +103,7 @@ def test_there_and_back() -> None:
     there = glonass_state(message(), tensor(386118.0 + 1500.0))
     again = message(toe=tensor(386118.0 + 1500.0), position=there.position, velocity=there.velocity)
     back = glonass_state(again, tensor(386118.0))
-    torch.testing.assert_close(back.position, tensor(POSITION), atol=1e-4, rtol=0)
+    torch.testing.assert_close(back.position, tensor(POSITION), atol=2e-3, rtol=0)
 
 
 def test_across_the_change_of_weeks() -> None:
@@ -118,7 +120,7 @@ def test_batch_equals_loop_and_shapes_broadcast() -> None:
     for k in range(7):
         alone = glonass_state(message(), t[k])
         # alone it may take fewer, longer steps
-        torch.testing.assert_close(together.position[k], alone.position, atol=1e-4, rtol=0)
+        torch.testing.assert_close(together.position[k], alone.position, atol=2e-3, rtol=0)
         torch.testing.assert_close(together.clock[k], alone.clock)
     none = glonass_state(message(), t[:0])
     assert none.position.shape == (0, 3)
