@@ -26,8 +26,9 @@ from navlearn.fusion.sensor_errors import (
 )
 from navlearn.fusion.smoothing import SmoothedDrive, SmoothingOptions, smooth
 from navlearn.fusion.start import aligned_belief, told_from
-from navlearn.mechanization.alignment import Alignment, AlignmentOptions, align_from_course
+from navlearn.mechanization.alignment import Alignment, AlignmentOptions
 from navlearn.mechanization.riss_adjoint import integrate
+from navlearn.mechanization.track_alignment import align_riss
 from navlearn.states import FixTiming, GnssFix, RissSample, Trajectory
 
 
@@ -85,7 +86,7 @@ class Navigator:
             LogError: The car never drove fast enough to align.
             FilterDivergedError: The covariance or state is no longer finite or positive.
         """
-        alignment = align_from_course(samples, fixes, timing, self.options.alignment)
+        alignment = align_riss(samples, fixes, timing, self.options.alignment)
         first = alignment.sample + 1
         rest = RissSample(*(channel[first:] for channel in samples))
         with torch.no_grad():

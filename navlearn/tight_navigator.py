@@ -24,9 +24,10 @@ from navlearn.fusion.tight.ins_vehicle import InsVehicle
 from navlearn.fusion.tight.module import Method, TightEkf
 from navlearn.fusion.tight.options import TightEkfOptions
 from navlearn.fusion.tight.riss_vehicle import RissVehicle
-from navlearn.mechanization.alignment import Alignment, AlignmentOptions, align_from_course
+from navlearn.mechanization.alignment import Alignment, AlignmentOptions
 from navlearn.mechanization.confirmed_standstill import confirmed_standstill
 from navlearn.mechanization.ins_alignment import InsAlignment, InsAlignmentOptions, align_ins
+from navlearn.mechanization.track_alignment import align_riss
 from navlearn.states import FixTiming, GnssFix, ImuSample, RissSample, SatelliteRanges
 
 
@@ -123,7 +124,7 @@ class TightNavigator:
         chosen, own = self.options.vehicle, self.options.alignment
         if isinstance(chosen, EkfOptions) and isinstance(samples, RissSample):
             course = own if isinstance(own, AlignmentOptions) else AlignmentOptions()
-            return align_from_course(samples, fixes, timing, course)
+            return align_riss(samples, fixes, timing, course)
         if isinstance(chosen, InsEkfOptions) and isinstance(samples, ImuSample):
             six_axes = own if isinstance(own, InsAlignmentOptions) else InsAlignmentOptions()
             six_axes = six_axes.with_lever_arm(chosen.lever_arm)

@@ -6,7 +6,7 @@ Standing still, the gyro reads its bias and the vertical Earth rate.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import torch
@@ -15,6 +15,34 @@ from torch import Tensor
 from navlearn import wgs84
 from navlearn.errors import LogError
 from navlearn.states import FixTiming, GnssFix, NavState, RissSample
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrackOptions:
+    """When the way driven tells azimuth, where fixes have no velocity.
+
+    Attributes:
+        azimuth_sigma: The filter starts as soon as the azimuth is known to this, rad.
+        least_way: Shortest way driven that is laid onto positions, m.
+        least_fixes: Fewest positions.
+        least_time: Shortest time over which they are laid, s: several correlation times, as what
+            errs alike within one does not show.
+        longest: Longest stretch of time that is looked back over, s.
+        every: How often a fit is tried, s.
+        correlation_time: Time after which errors of positions have forgotten each other, s.
+        scale_sigma: Standard deviation of the odometer's relative error.
+        huber: Deviations from which a position counts less and less.
+    """
+
+    azimuth_sigma: float = math.radians(10.0)
+    least_way: float = 20.0
+    least_fixes: int = 5
+    least_time: float = 30.0
+    longest: float = 180.0
+    every: float = 1.0
+    correlation_time: float = 10.0
+    scale_sigma: float = 0.03
+    huber: float = 1.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,6 +55,8 @@ class AlignmentOptions:
         velocity_sigma: Standard deviation of GNSS velocity where the log has none, m/s.
         bias_sigma: Standard deviation of the gyro bias where the car never stood still, rad/s.
         bias_sigma_at_rest: Standard deviation of the gyro bias found at rest, rad/s.
+        track: How azimuth is found from positions alone
+            (:mod:`navlearn.mechanization.track_alignment`).
     """
 
     speed: float = 4.0
@@ -34,6 +64,7 @@ class AlignmentOptions:
     velocity_sigma: float = 0.1
     bias_sigma: float = math.radians(0.5)
     bias_sigma_at_rest: float = math.radians(0.02)
+    track: TrackOptions = field(default_factory=TrackOptions)
 
 
 class Alignment(NamedTuple):
