@@ -50,10 +50,10 @@ def map_tight_belief(
 
 
 def map_tree(tree: Any, function: Callable[[Tensor], Tensor]) -> Any:
-    """Return nested named tuples with a function applied to every tensor; the rest stays.
+    """Return nested tuples, named or not, with a function applied to every tensor; the rest stays.
 
     Args:
-        tree: Nested named tuples.
+        tree: Nested tuples.
         function: What to do with each tensor.
 
     Returns:
@@ -62,5 +62,6 @@ def map_tree(tree: Any, function: Callable[[Tensor], Tensor]) -> Any:
     if isinstance(tree, Tensor):
         return function(tree)
     if isinstance(tree, tuple):
-        return type(tree)(*(map_tree(part, function) for part in tree))
+        parts = (map_tree(part, function) for part in tree)
+        return type(tree)(*parts) if hasattr(tree, "_fields") else tuple(parts)
     return tree

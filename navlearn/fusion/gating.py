@@ -145,7 +145,15 @@ def _company(model: Gated, like: Tensor) -> Tensor:
     return believed
 
 
-def judged_over_time(model: Gated, nis: Tensor, present: Tensor, refused: Tensor) -> Judged:
+def judged_over_time(
+    model: Gated,
+    nis: Tensor,
+    present: Tensor,
+    refused: Tensor,
+    *,
+    vouched: Tensor | None = None,
+    unheard: Tensor | None = None,
+) -> Judged:
     """Return which kinds pass the gate at every block.
 
     Args:
@@ -153,6 +161,8 @@ def judged_over_time(model: Gated, nis: Tensor, present: Tensor, refused: Tensor
         nis: NIS of each kind, shape (B, K, kinds).
         present: 1.0 where a kind is measured, shape (B, K, kinds).
         refused: Consecutive refusals before the first block, shape (B, kinds).
+        vouched: Where others vouch for the filter, so that nothing resets, bool, shape (B, K).
+        unheard: Where a kind is not listened to, bool, shape (B, K, kinds).
 
     Returns:
         Verdicts and the refusals after each block.
@@ -162,6 +172,9 @@ def judged_over_time(model: Gated, nis: Tensor, present: Tensor, refused: Tensor
     verdict = there.to(torch.int64) * int(Verdict.ACCEPTED)
     count = torch.zeros_like(nis)
     odd = beyond.any(1) | (refused > 0.5)
+    if unheard is not None:
+        odd = odd | unheard.any(1)
+    nowhere = [False] * nis.shape[1]
     if model.anchor is not None:
         odd = odd | odd[..., model.anchor, None]
     # The anchor first: what it does decides for the others.
@@ -178,6 +191,8 @@ def judged_over_time(model: Gated, nis: Tensor, present: Tensor, refused: Tensor
             led,
             float(refused[b, kind]),
             model.gate.reset_after,
+            nowhere if vouched is None else vouched[b].tolist(),
+            nowhere if unheard is None else unheard[b, :, kind].tolist(),
             alone=kind not in (model.anchor, *model.company),
         )
         verdict[b, :, kind] = torch.tensor(column, device=verdict.device)
@@ -191,6 +206,8 @@ def _judged_column(
     led: list[bool | None],
     refused: float,
     reset_after: int,
+    vouched: list[bool],
+    unheard: list[bool],
     *,
     alone: bool,
 ) -> tuple[list[int], list[float]]:
@@ -205,8 +222,11 @@ def _judged_column(
     )
     absent = int(Verdict.ABSENT)
     verdicts, counts = [], []
-    for wild, seen, leader in zip(beyond, there, led, strict=True):
+    channels = zip(beyond, there, led, vouched, unheard, strict=True)
+    for wild, seen, leader, held, deaf in channels:
         verdict = absent
+        refused = min(refused, reset_after - 1.0) if held else refused
+        before = refused
         if seen:
             verdict = accepted
             if wild:
@@ -215,6 +235,8 @@ def _judged_column(
             refused = refused + 1.0 if verdict == gate else 0.0
             if leader and alone:
                 verdict, refused = gate, 0.0
+            if deaf:
+                verdict, refused = gate, before
         verdicts.append(verdict)
         counts.append(refused)
     return verdicts, counts

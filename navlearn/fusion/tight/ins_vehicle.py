@@ -8,8 +8,7 @@ from torch import Tensor, nn
 from navlearn.filters.ins_belief import InsBelief
 from navlearn.frames import shift_geodetic
 from navlearn.fusion.ins.antenna import ins_antenna_offset, ins_antenna_velocity
-from navlearn.fusion.ins.composed import ahead_of
-from navlearn.fusion.ins.fast import largest_move
+from navlearn.fusion.ins.composed import ahead_of, has_closed_form
 from navlearn.fusion.ins.layout import belief_difference, moved_belief
 from navlearn.fusion.ins.model import ins_filter_model
 from navlearn.fusion.ins.moment import moment_of
@@ -29,6 +28,7 @@ from navlearn.fusion.ins.timeline import (
 from navlearn.fusion.ins.updates import ins_measured
 from navlearn.fusion.measurements import Rows
 from navlearn.fusion.options import GateOptions
+from navlearn.fusion.tight.passes import InsPasses
 from navlearn.fusion.tight.vehicle import (
     Antenna,
     VehicleAhead,
@@ -180,9 +180,11 @@ class InsVehicle(nn.Module):
         """Return the variance added where the gate resets one of its own kinds."""
         return ins_opened(self.model, verdict, found._replace(innovation=innovation))
 
-    def largest_move(self, new: InsBelief, old: InsBelief) -> float:
-        """Return how far the worst block's start moved between two passes, m."""
-        return largest_move(new, old)
+    def passes(self, start: InsBelief, line: VehicleLine) -> InsPasses | None:
+        """Return the passes of the fast form; None for models that preintegration does not tell."""
+        if not has_closed_form(self.model):
+            return None
+        return InsPasses(self.model, start, line.line, self.noise)
 
     def path(self, start: InsBelief, after: InsBelief, line: VehicleLine) -> InsState:
         """Return the causal solution at full rate, batch shape (B, T)."""

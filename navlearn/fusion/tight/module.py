@@ -2,7 +2,8 @@
 
 [Iqbal2020] §IX, [Groves2013] §14.3.2; forms of one filter. ``sequential`` predicts sample by sample
 and is the oracle; ``exact`` loops over the blocks between receptions and composes the samples of
-each at once. Any number of satellites does, none included.
+each at once; ``fast`` solves for all blocks at once and iterates. Any number of satellites does,
+none included.
 """
 
 from typing import Any, Literal
@@ -14,6 +15,7 @@ from navlearn.errors import ConfigError, ShapeError
 from navlearn.filters.tight_belief import TightBelief, map_tight_belief, map_tree
 from navlearn.fusion.batch_axis import first, unsqueezed
 from navlearn.fusion.tight.checks import check_tight_history, check_tight_inputs
+from navlearn.fusion.tight.fast import run_tight_fast
 from navlearn.fusion.tight.history import TightHistory
 from navlearn.fusion.tight.model import tight_model
 from navlearn.fusion.tight.noise import TightNoise, log_tight_noise, tight_noise_from_log
@@ -96,8 +98,9 @@ class TightEkf(nn.Module):
             ranges: Ranges, shape (B, M, S) or (M, S) each; M may be 0.
             timing: Where the receptions fall among the samples, shape (B, M) or (M,).
             fixes: Fixes at the same moments, for vehicles that take them; None for none.
-            method: Form of the filter; ``history.method`` says which ran. The fast form is
-                answered by the loop over blocks.
+            method: Form of the filter; ``history.method`` says which ran. The fast form answers
+                with the loop over blocks where its passes do not converge, and for vehicles that
+                have no such form.
 
         Returns:
             History; without batch axis where the input had none.
@@ -133,8 +136,12 @@ class TightEkf(nn.Module):
             )
         check_tight_inputs(self.model, start, samples, ranges, timing, fixes)
         line = tight_timeline(self.model, samples, ranges, timing, fixes)
-        in_turn = method == "sequential"
-        history = run_tight_loop(self.model, start, line, self.noise, in_turn=in_turn)
+        history = None
+        if method == "fast":
+            history = run_tight_fast(self.model, start, line, self.noise)
+        if history is None:
+            in_turn = method == "sequential"
+            history = run_tight_loop(self.model, start, line, self.noise, in_turn=in_turn)
         check_tight_history(self.model, history, samples)
         return history
 

@@ -10,6 +10,7 @@ from navlearn.filters.tight_belief import TightBelief
 from navlearn.fusion.tight.clock import advanced_clock, clock_noise, clock_transition
 from navlearn.fusion.tight.model import TightModel
 from navlearn.fusion.tight.noise import TightNoise
+from navlearn.fusion.tight.passes import VehicleAhead
 from navlearn.fusion.tight.update import with_covariance
 
 
@@ -49,9 +50,30 @@ def tight_ahead(
     Returns:
         Prediction; vehicle and clock do not touch each other.
     """
-    vehicle, c = model.vehicle, model.size - model.first_clock
-    predict = vehicle.predicted_in_turn if in_turn else vehicle.predicted
-    ahead = predict(belief.vehicle, block)
+    predict = model.vehicle.predicted_in_turn if in_turn else model.vehicle.predicted
+    return beside_clock(model, belief, predict(belief.vehicle, block), elapsed, noise)
+
+
+def beside_clock(
+    model: TightModel,
+    belief: TightBelief[Any],
+    ahead: VehicleAhead,
+    elapsed: Tensor,
+    noise: TightNoise,
+) -> TightAhead:
+    """Return blocks as predicted, from what the vehicle predicts.
+
+    Args:
+        model: The filter.
+        belief: Belief at the start of each block, batch shape (...).
+        ahead: The vehicle's prediction.
+        elapsed: Length of each block, s, shape (...).
+        noise: Noise of the clock.
+
+    Returns:
+        Prediction.
+    """
+    c = model.size - model.first_clock
     moved = belief._replace(vehicle=ahead.belief, clock=advanced_clock(belief.clock, elapsed))
     return TightAhead(
         moved,

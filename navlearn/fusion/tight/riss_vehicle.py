@@ -8,7 +8,6 @@ from torch import Tensor, nn
 from navlearn.filters.belief import Belief
 from navlearn.frames import shift_geodetic
 from navlearn.fusion.antenna import antenna_offset, antenna_velocity
-from navlearn.fusion.fast import largest_move
 from navlearn.fusion.filter_model import difference, fed_back, filter_model, predict_blocks
 from navlearn.fusion.ground_velocity import odometry
 from navlearn.fusion.measurements import Rows
@@ -18,6 +17,7 @@ from navlearn.fusion.options import EkfOptions, GateOptions
 from navlearn.fusion.record import path_in_blocks
 from navlearn.fusion.sequential import predict_sample
 from navlearn.fusion.standstill import Rest
+from navlearn.fusion.tight.passes import RissPasses
 from navlearn.fusion.tight.vehicle import (
     Antenna,
     VehicleAhead,
@@ -195,9 +195,9 @@ class RissVehicle(nn.Module):
         """Return the variance added where the gate resets one of its own kinds."""
         return opened(self.model, verdict, found, innovation)
 
-    def largest_move(self, new: Belief, old: Belief) -> float:
-        """Return how far the worst block's start moved between two passes, m."""
-        return largest_move(new, old)
+    def passes(self, start: Belief, line: VehicleLine) -> RissPasses:
+        """Return the passes of the fast form over drives."""
+        return RissPasses(self.model, start, line.line, self.noise)
 
     def path(self, start: Belief, after: Belief, line: VehicleLine) -> Trajectory:
         """Return the causal solution at full rate, batch shape (B, T)."""

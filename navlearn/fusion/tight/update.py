@@ -116,29 +116,46 @@ def own_judged(
     Returns:
         Verdicts per kind.
     """
-    vehicle, gate = model.vehicle, model.options.gate
-    n = model.first_clock
+    vehicle, n = model.vehicle, model.first_clock
     _, spread = projected(prior.covariance[..., :n, :n], own.observation)
     nis = nis_by_kind(vehicle, own, own.innovation, spread)
     refused = prior.vehicle.refused
     if vehicle.anchor is None:
         return judged(vehicle, nis, own.present, refused)
-    fine = ranges.verdict[..., : ranges.verdict.shape[-1] // 2]
-    fine = (fine == int(Verdict.ACCEPTED)) | (fine == int(Verdict.ACCEPTED_BY_RESET))
-    vouched = (fine.sum(-1, keepdim=True) >= gate.least_satellites) & (
-        own.present[..., vehicle.anchor : vehicle.anchor + 1] < 0.5
+    vouched, unheard = vouching(model, own, ranges)
+    held = torch.where(
+        vouched.unsqueeze(-1), refused.clamp(max=vehicle.gate.reset_after - 1), refused
     )
-    held = torch.where(vouched, refused.clamp(max=vehicle.gate.reset_after - 1), refused)
     said = judged(vehicle, nis, own.present, held)
-    company = torch.zeros_like(own.present, dtype=torch.bool)
-    for kind in (vehicle.anchor, *vehicle.company):
-        company[..., kind] = True
-    unheard = ranges.reset[..., :1] & (own.present > 0.5) & ~company
     return Judged(
         said.nis,
         torch.where(unheard, int(Verdict.REFUSED_BY_GATE), said.verdict),
         torch.where(unheard, held, said.refused),
     )
+
+
+def vouching(model: TightModel, own: Measured, ranges: RangesJudged) -> tuple[Tensor, Tensor]:
+    """Return where ranges vouch for a vehicle that waits for an anchor, and what is unheard.
+
+    Args:
+        model: The filter; its vehicle has an anchor.
+        own: What the vehicle measures, shape (...).
+        ranges: What is believed of the ranges.
+
+    Returns:
+        Whether as many ranges are believed as tell a position, bool, shape (...), and which kinds
+        are not listened to because position begins anew, bool, shape (..., kinds).
+    """
+    vehicle = model.vehicle
+    fine = ranges.verdict[..., : ranges.verdict.shape[-1] // 2]
+    fine = (fine == int(Verdict.ACCEPTED)) | (fine == int(Verdict.ACCEPTED_BY_RESET))
+    company = torch.zeros_like(own.present, dtype=torch.bool)
+    for kind in (vehicle.anchor, *vehicle.company):
+        if kind is not None:
+            company[..., kind] = True
+    told = own.present[..., vehicle.anchor or 0] > 0.5
+    vouched = (fine.sum(-1) >= model.options.gate.least_satellites) & ~told
+    return vouched, ranges.reset[..., :1] & (own.present > 0.5) & ~company
 
 
 def stacked_rows(

@@ -17,6 +17,8 @@ from navlearn.fusion.blocks import Blocks
 from navlearn.fusion.measurements import Rows
 from navlearn.fusion.options import GateOptions
 from navlearn.fusion.recursion import unstacked
+from navlearn.fusion.tight.passes import VehicleAhead as VehicleAhead
+from navlearn.fusion.tight.passes import VehiclePasses
 from navlearn.fusion.updates import Measured
 from navlearn.states import FixTiming, GnssFix, InsState, Trajectory
 
@@ -36,20 +38,6 @@ class VehicleLine(NamedTuple):
     blocks: Blocks
     line: Any
     delay: Tensor
-
-
-class VehicleAhead(NamedTuple):
-    """Blocks as predicted from a belief, with their linearisation there.
-
-    Attributes:
-        belief: Belief at the end, covariance as at the start, batch shape (...).
-        transition: Φ, shape (..., n, n).
-        noise: Q, shape (..., n, n).
-    """
-
-    belief: Any
-    transition: Tensor
-    noise: Tensor
 
 
 class Antenna(NamedTuple):
@@ -106,9 +94,7 @@ class Vehicle(Protocol[AnyBelief]):
     @property
     def company(self) -> tuple[int, ...]: ...  # noqa: D102
 
-    def laid_out(
-        self, samples: Any, fixes: GnssFix | None, timing: FixTiming
-    ) -> VehicleLine:
+    def laid_out(self, samples: Any, fixes: GnssFix | None, timing: FixTiming) -> VehicleLine:
         """Return drives in blocks that end where ranges are received.
 
         Args:
@@ -157,8 +143,13 @@ class Vehicle(Protocol[AnyBelief]):
         """Return the variance added where the gate resets one of its own kinds, shape (..., n)."""
         ...
 
-    def largest_move(self, new: AnyBelief, old: AnyBelief) -> float:
-        """Return how far the worst block's start moved between two passes, m."""
+    def passes(self, start: AnyBelief, line: VehicleLine) -> VehiclePasses[AnyBelief] | None:
+        """Return the passes of the fast form over drives; None where the vehicle has none.
+
+        Args:
+            start: Belief before the first block, batch shape (B,).
+            line: The drives in blocks.
+        """
         ...
 
     def path(self, start: AnyBelief, after: AnyBelief, line: VehicleLine) -> Trajectory | InsState:
