@@ -55,6 +55,7 @@ def sweep_and_show(
     """
     from navlearn.experiment.sweep import run_sweep
     from navlearn.outages.cells import cell_of, conditions
+    from navlearn.outages.naming import words_and_unit
 
     at_once = processes or os.cpu_count() or 1
     result = run_sweep(recipe, out, processes=at_once, force=force, progress=progress)
@@ -62,9 +63,10 @@ def sweep_and_show(
     rows = result.table.to_dict(orient="records")
     cells = [f"{cell.gyro_class} {told[cell]}" for cell in map(cell_of, rows)]
     errors = result.table.assign(cell=cells).groupby(["method", "cell"], sort=False)
-    table = errors["max_horizontal_error_m"].mean().unstack("cell")
+    table = errors[recipe.metric].mean().unstack("cell")
     table = table.reindex(index=list(recipe.methods), columns=list(dict.fromkeys(cells)))
-    typer.echo("Mean of the maximum horizontal error per outage, m, by class and length:")
+    what, unit = words_and_unit(recipe.metric)
+    typer.echo(f"Mean of the {what} per outage{unit and f', {unit}'}, by class and length:")
     typer.echo(table.to_string(float_format="{:.2f}".format) + "\n")
     _show_meaning(result.meaning)
     typer.echo(f"\nReport: {result.folder / 'report.md'}")

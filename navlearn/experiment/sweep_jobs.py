@@ -190,8 +190,8 @@ def read_rows(file: Path) -> pd.DataFrame:
         file: The file.
     """
     table = read_frame(file)
-    empty = {name: table[name].astype(object).fillna("") for name in ("failure", "reason")}
-    return table.assign(**empty)
+    texts = ("failure", "reason", "satellites_visible")
+    return table.assign(**{name: table[name].astype(object).fillna("") for name in texts})
 
 
 def failure(job: SweepJob, kind: Conditions, problem: Exception | str) -> Failure:

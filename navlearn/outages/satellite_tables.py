@@ -6,11 +6,12 @@ import numpy as np
 import pandas as pd
 
 from navlearn.outages.bootstrap import resampled_sums, tail_probability
-from navlearn.outages.cells import cells_of
+from navlearn.outages.cells import are_partial, cells_of
 from navlearn.outages.markdown import markdown_table, number, signed
 from navlearn.outages.roles import oracles_last, role_of
 from navlearn.outages.run_summary import MethodSummary
 from navlearn.outages.statistics import Intervals, compare_columns, error_table, units_of
+from navlearn.outages.sweep_summary import SweepSummary
 
 RMS, LARGEST = "rms_horizontal_error_m", "max_horizontal_error_m"
 METRICS = {"rms": RMS, "max": LARGEST}
@@ -69,6 +70,23 @@ def satellite_table(
         .sort_values(["order", "duration_s", "fewer"], kind="stable")
         .drop(columns=["order", "fewer"])
         .reset_index(drop=True)
+    )
+
+
+def satellites_of(summary: SweepSummary) -> pd.DataFrame | None:
+    """Return the table by number of satellites, None where all GNSS is always gone.
+
+    Args:
+        summary: The sweep.
+    """
+    if not are_partial(summary.rows):
+        return None
+    return satellite_table(
+        summary.rows,
+        summary.methods,
+        (summary.baseline, *summary.also_against),
+        resamples=summary.resamples,
+        seed=summary.bootstrap_seed,
     )
 
 

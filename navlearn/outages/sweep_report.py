@@ -8,10 +8,10 @@ import pandas as pd
 
 from navlearn.errors import ConfigError
 from navlearn.outages.canvas import plots_possible
-from navlearn.outages.cells import KEYS, are_partial, cells_of
+from navlearn.outages.cells import KEYS, cells_of
 from navlearn.outages.output import OutputFolder
 from navlearn.outages.satellite_plots import plot_by_satellites
-from navlearn.outages.satellite_tables import satellite_table
+from navlearn.outages.satellite_tables import satellites_of
 from navlearn.outages.sweep_plots import plot_improvements
 from navlearn.outages.sweep_summary import SweepSummary
 from navlearn.outages.sweep_tables import sweep_table
@@ -85,23 +85,6 @@ def _drawn(
             "comparison in the table allows to say."
         )
     return captions
-
-
-def satellites_of(summary: SweepSummary) -> pd.DataFrame | None:
-    """Return the table by number of satellites, None where all GNSS is always gone.
-
-    Args:
-        summary: The sweep.
-    """
-    if not are_partial(summary.rows):
-        return None
-    return satellite_table(
-        summary.rows,
-        summary.methods,
-        (summary.baseline, *summary.also_against),
-        resamples=summary.resamples,
-        seed=summary.bootstrap_seed,
-    )
 
 
 def rows_by_cell(summary: SweepSummary) -> pd.DataFrame:

@@ -11,6 +11,7 @@ from navlearn.outages.naming import counted, with_unit
 from navlearn.outages.oracle_share import why_no_share
 from navlearn.outages.roles import ORACLE, from_paper, having, real_time
 from navlearn.outages.run_summary import MethodSummary
+from navlearn.outages.satellite_wording import satellite_meaning
 from navlearn.outages.statistics import MARGIN_PERCENT
 from navlearn.outages.sweep_summary import SweepSummary
 from navlearn.outages.wording import percent
@@ -27,6 +28,7 @@ def sweep_meaning(summary: SweepSummary, table: pd.DataFrame) -> list[str]:
     """
     return [
         *sweep_warnings(summary),
+        *satellite_meaning(summary),
         *_classes(summary, table),
         *_papers(summary.methods, table),
         *_safeguard(summary.methods, table),

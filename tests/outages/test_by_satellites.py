@@ -204,6 +204,9 @@ def test_cells_of_different_numbers_are_not_mixed(sweep: SweepSummary) -> None:
     mine = lines[lines["method"] == "tc_ekf+pci"].iloc[0]
     assert told[cell_of(mine)] == "60 s, 3 satellites"
     said = sweep_meaning(sweep, lines)
+    assert said[0].startswith("**Few satellites, S, 60 s.** Mean RMS error with 3 / 2 / 1 / 0 sat")
+    assert "Against **ekf**, **tc_ekf** gains +7" in said[0]
+    assert said[0].endswith(" / 0 % (0 to 0 %).")
     assert any("helps: **tc_ekf+pci** +4" in line for line in said)
     assert any("no satellite** (28 outages" in line and "never acted" in line for line in said)
     with pytest.raises(ConfigError, match="no rows of class S at 60 s with 4 satellites"):
