@@ -2,6 +2,7 @@
 
 from dataclasses import asdict, replace
 
+from navlearn.errors import LogError
 from navlearn.logs.drive_log import DriveLog
 from navlearn.logs.single_point_fixes import with_single_point_fixes
 from navlearn.logs.synthetic.ranges import CORRECTIONS, SimulatedRanges
@@ -45,7 +46,13 @@ def with_ranges(
     if options.fixes == "drawn":
         return ranged
     told = {**about.sensors, "fixes": f"{how}: single-point solutions of the ranges"}
-    return with_single_point_fixes(replace(ranged, metadata=replace(about, sensors=told)))
+    try:
+        return with_single_point_fixes(replace(ranged, metadata=replace(about, sensors=told)))
+    except LogError as problem:
+        raise LogError(
+            f"{problem}; simulated satellites: receive more of them (lowest_deg, systems), or set "
+            "fixes: drawn"
+        ) from None
 
 
 def _plain(options: SatelliteOptions) -> dict[str, object]:
