@@ -4,7 +4,8 @@
 
 Judged against the reference of Kingston and smartLoc, the truth of a simulated drive (seed 11)
 and the position in the header of the RINEX file. Solutions: equal weights without a test, default
-weights without a test, default weights with test and exclusion, and the receiver's own fixes at
+weights without a test, with test and exclusion, with Huber's weights on what is left (the
+default), the default with GPS alone where there are more systems, and the receiver's own fixes at
 the same times (Kingston's are partly interpolated by their authors).
 
 A reception is in a *canyon* where fewer than two satellites over 10° are to spare (fewer than six
@@ -52,9 +53,10 @@ EQUAL = RangeNoiseOptions(
     **dict.fromkeys(("ionosphere", "troposphere", "multipath", "thermal", "told_factor"), 0.0)
 )
 WAYS = {
-    "equal weights": SinglePointOptions(noise=EQUAL, probability=1.0),
-    "weighted": SinglePointOptions(probability=1.0),
-    "and tested": SinglePointOptions(),
+    "equal weights": SinglePointOptions(noise=EQUAL, probability=1.0, huber=np.inf),
+    "weighted": SinglePointOptions(probability=1.0, huber=np.inf),
+    "and tested": SinglePointOptions(huber=np.inf),
+    "and robust": SinglePointOptions(),
 }
 HEAD = f"{'part':8} {'solution':15} {'solved':>11} {'excl':>5} {'H 50':>7} {'H 95':>7} {'H max':>7}"
 HEAD += f" {'V 50':>7} {'V 95':>7}  {'east':>7} {'north':>7} {'up':>7}"
@@ -188,10 +190,10 @@ def main() -> None:
         print(name)
         options = {way: SinglePointFixOptions(single_point=own) for way, own in WAYS.items()}
         solutions = {way: solve_receptions(log, own) for way, own in options.items()}
-        tested = solutions["and tested"]
+        tested = solutions["and robust"]
         if len(tested.series.systems) > 1:
-            alone = replace(options["and tested"], ranges=RangeOptions(systems="G"))
-            solutions["tested, GPS"] = solve_receptions(log, alone)
+            alone = replace(options["and robust"], ranges=RangeOptions(systems="G"))
+            solutions["GPS alone"] = solve_receptions(log, alone)
         show_positions(log, solutions)
         show_velocities(log, tested)
         print()

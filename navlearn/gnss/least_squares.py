@@ -26,6 +26,7 @@ class LeastSquares(NamedTuple):
         degrees: Observations less unknowns, int64; below 0 where there are too few.
         solvable: Whether the unknowns that are observed can be told apart, bool.
         observed: Which unknowns are observed at all, bool, shape (..., u).
+        design: Derivatives of observations to unknowns, as given, shape (..., S, u).
     """
 
     estimate: Tensor
@@ -36,6 +37,7 @@ class LeastSquares(NamedTuple):
     degrees: Tensor
     solvable: Tensor
     observed: Tensor
+    design: Tensor
 
 
 def weighted_least_squares(design: Tensor, observation: Tensor, weight: Tensor) -> LeastSquares:
@@ -78,6 +80,7 @@ def weighted_least_squares(design: Tensor, observation: Tensor, weight: Tensor) 
         degrees=degrees,
         solvable=solvable & observed.any(-1),
         observed=observed,
+        design=design,
     )
 
 
@@ -86,3 +89,34 @@ def _told_apart(scaled: Tensor) -> Tensor:
     pivots = factor.diagonal(dim1=-2, dim2=-1)
     told: Tensor = (failed == 0) & (pivots > _LEAST_PIVOT).all(-1)
     return told
+
+
+def robust_factors(fit: LeastSquares, weight: Tensor, huber: float, rounds: int = 20) -> Tensor:
+    """Return what Huber's estimator multiplies weights by, by iterated reweighting.
+
+    [Huber2009] §7.8: observations whose residual is more than so many deviations off count less
+    in proportion. Not differentiable.
+
+    Args:
+        fit: Solution with the weights alone, shape (N) in its first axis.
+        weight: Inverse variances, shape (N, S).
+        huber: Deviations at which weights begin to fall; infinite leaves all alone.
+        rounds: Most rounds.
+
+    Returns:
+        Factors in (0, 1], shape (N, S).
+    """
+    with torch.no_grad():
+        root, factor = weight.sqrt(), torch.ones_like(weight)
+        # the others are Huber's solution already
+        rows = torch.nonzero(((fit.residual * root).abs() > huber).any(-1)).squeeze(-1)
+        for _ in range(rounds if rows.numel() else 0):
+            weighed = weight[rows] * factor[rows]
+            again = weighted_least_squares(fit.design[rows], fit.residual[rows], weighed)
+            new = huber / (again.residual * root[rows]).abs().clamp_min(huber)
+            moving = ((new - factor[rows]).abs() > 1e-3).any(-1)
+            factor[rows] = new
+            rows = rows[moving]
+            if rows.numel() == 0:
+                break
+    return factor

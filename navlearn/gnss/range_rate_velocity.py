@@ -14,7 +14,7 @@ from navlearn import frames
 from navlearn.gnss.dilution import dilution
 from navlearn.gnss.fault_exclusion import consistent_part
 from navlearn.gnss.gauss_newton import out_of_the_earth
-from navlearn.gnss.least_squares import LeastSquares, weighted_least_squares
+from navlearn.gnss.least_squares import LeastSquares, robust_factors, weighted_least_squares
 from navlearn.gnss.range_noise import RangeNoise, range_noise, rate_variance
 from navlearn.gnss.receptions import flattened
 from navlearn.gnss.sight import sight
@@ -37,7 +37,8 @@ class RangeRateVelocity(NamedTuple):
         used: 1.0 where the satellite took part, else 0.0, shape (..., M, S).
         excluded: 1.0 where a test took it out, else 0.0, shape (..., M, S).
         satellites: Satellites used, int64.
-        test: Weighted sum of squared residuals, χ² distributed with ``degrees``.
+        test: Weighted sum of squared residuals of least squares, χ² distributed with
+            ``degrees``.
         degrees: Satellites used less four, int64; with 0 nothing was tested.
         ok: Whether there is a velocity that passed, bool.
         reason: Code of :class:`navlearn.gnss.single_point.Reason`, int64.
@@ -92,7 +93,9 @@ def range_rate_velocity(
     with torch.no_grad():
         kept, passed = _searched(design, observation, weight.detach(), options)
     weight = torch.where(kept, weight, 0.0)
-    last = weighted_least_squares(design, observation, weight)
+    plain = weighted_least_squares(design, observation, weight)
+    robust = weight * robust_factors(plain, weight, options.huber)
+    last = weighted_least_squares(design, observation, robust)._replace(square=plain.square)
     pdop = dilution(unit, weight > 0.0).pdop
     found = _solution(last, flat, weight, options, known)
     reason = _reason(found, last, pdop, passed, options)

@@ -15,7 +15,7 @@ from navlearn import frames, wgs84
 from navlearn.gnss.dilution import dilution
 from navlearn.gnss.fault_exclusion import consistent_part
 from navlearn.gnss.gauss_newton import Located, RangeProblem, linearised, located, range_problem
-from navlearn.gnss.least_squares import LeastSquares
+from navlearn.gnss.least_squares import LeastSquares, robust_factors
 from navlearn.gnss.range_noise import RangeNoise, range_noise, range_variance
 from navlearn.gnss.receptions import flattened
 from navlearn.gnss.sight import sight
@@ -58,7 +58,8 @@ class SinglePoint(NamedTuple):
         used: 1.0 where the satellite took part, else 0.0, shape (..., M, S).
         excluded: 1.0 where a test took it out, else 0.0, shape (..., M, S).
         satellites: Satellites used, int64.
-        test: Weighted sum of squared residuals, χ² distributed with ``degrees``.
+        test: Weighted sum of squared residuals of least squares, χ² distributed with
+            ``degrees``.
         degrees: Satellites used less unknowns, int64; with 0 nothing was tested.
         ok: Whether there is a position that passed, bool.
         reason: Code of :class:`Reason`, int64.
@@ -92,7 +93,7 @@ def single_point(
 
     Any number of satellites will do: where they do not suffice, ``ok`` is false and ``reason``
     says why. Derivatives (to ranges, satellites and noise) are those of the last step, exact to
-    residual over distance, about 1e-6.
+    residual over distance, about 1e-6; exclusions and robust weights are held.
 
     Args:
         ranges: Receptions, shape (..., M, S).
@@ -124,7 +125,9 @@ def single_point(
     surface = torch.tensor([wgs84.SEMI_MAJOR_AXIS, 0.0, 0.0]).to(place.position)
     began = (place.position == 0.0).all(-1, keepdim=True)
     position = torch.where(began, surface, place.position)
-    last = linearised(problem, position, weight)
+    plain = linearised(problem, position, weight)
+    robust = weight * robust_factors(plain, weight, options.huber)
+    last = linearised(problem, position, robust)._replace(square=plain.square)
     found = _solution(problem, position, last, weight, flat, options.elevation_mask)
     unit = sight(found.lat, found.lon, found.height, problem.satellite).unit
     pdop = dilution(unit, found.used, flat.system).pdop

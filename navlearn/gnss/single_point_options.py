@@ -11,12 +11,18 @@ from navlearn.gnss.range_noise import RangeNoiseOptions
 class SinglePointOptions:
     """Choices of single-point positions and range-rate velocities.
 
+    Test and robust weights were chosen on simulated drives of the presets ``suburban`` and
+    ``urban``, where they took the 95 % error from 3.5 to 2.5 m and from 23 to 14 m with GPS, and
+    with three systems from 11 to 4 m in the town.
+
     Attributes:
         noise: How noisy ranges and range rates are.
         elevation_mask: Satellites lower than this are not used, rad.
         probability: Share of sound receptions that pass the residual test; 1 switches the test,
             and exclusion with it, off.
         exclusions: Most satellites that may be excluded from one reception.
+        huber: What is left after exclusion counts less in proportion where its residual is more
+            deviations than this off [Huber2009]; infinite makes it least squares.
         largest_pdop: A worse geometry gives no position, and no velocity.
         heights: A position lower or higher than these above the ellipsoid is refused, m.
         fastest: A velocity of this size or more is refused, m/s.
@@ -25,8 +31,9 @@ class SinglePointOptions:
 
     noise: RangeNoiseOptions = field(default_factory=RangeNoiseOptions)
     elevation_mask: float = math.radians(10.0)
-    probability: float = 0.999
+    probability: float = 0.99
     exclusions: int = 4
+    huber: float = 1.345
     largest_pdop: float = 30.0
     heights: tuple[float, float] = (-1000.0, 20000.0)
     fastest: float = 150.0
@@ -43,6 +50,7 @@ class SinglePointOptions:
             ("elevation_mask", abs(self.elevation_mask) < 0.5 * math.pi, "within ±90°, in rad"),
             ("probability", 0.0 < self.probability <= 1.0, "in (0, 1]"),
             ("exclusions", self.exclusions >= 0, "0 or more"),
+            ("huber", self.huber > 0.0, "above 0"),
             ("largest_pdop", self.largest_pdop > 0.0, "above 0"),
             ("heights", low < high, "lowest before highest"),
             ("fastest", self.fastest > 0.0, "above 0"),

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from navlearn.gnss.fault_exclusion import consistent_part, limits
-from navlearn.gnss.least_squares import weighted_least_squares
+from navlearn.gnss.least_squares import robust_factors, weighted_least_squares
 
 
 def double(values: object) -> torch.Tensor:
@@ -82,3 +82,16 @@ def test_limits_are_those_of_tables() -> None:
     # χ² of 95 %: 3.841, 5.991, 7.815 for one, two, three degrees
     assert limits(0.95, 3).tolist()[1:] == pytest.approx([3.841, 5.991, 7.815], abs=1e-3)
     assert limits(1.0, 2).tolist() == [float("inf")] * 3
+
+
+def test_huber_of_a_location() -> None:
+    """Five readings, one far off: the estimator's own equation, Σ ψ((x − μ) / s) = 0."""
+    reading = double([[1.0, 1.2, 0.9, 1.1, 60.0]])
+    design, weight = torch.ones(1, 5, 1, dtype=torch.float64), torch.full((1, 5), 4.0).double()
+    plain = weighted_least_squares(design, reading, weight)
+    factor = robust_factors(plain, weight, 1.5)
+    centre = float(weighted_least_squares(design, reading, weight * factor).estimate)
+    bounded = np.clip((reading.numpy() - centre) / 0.5, -1.5, 1.5)
+    assert abs(float(bounded.sum())) < 1e-2
+    assert factor[0, :4].tolist() == [1.0] * 4
+    assert torch.equal(robust_factors(plain, weight, float("inf")), torch.ones(1, 5).double())
