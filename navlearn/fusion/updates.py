@@ -111,7 +111,10 @@ def measured(
     }
     zero = torch.zeros_like(belief.state.lat)
     present = [zero] * len(Kind)
-    innovations, observations, variances = [], [], []
+    # a filter that takes nothing has rows, too: none
+    none = zero.new_zeros((*zero.shape, 0))
+    innovations, variances = [none], [none]
+    observations = [zero.new_zeros((*zero.shape, 0, model.layout.size))]
     for kind, rows in zip(model.rows.kinds, model.rows.count, strict=True):
         if not bool(_possible(model, occasion, kind).any()):
             innovations.append(zero.unsqueeze(-1).expand(*zero.shape, rows))

@@ -1,0 +1,122 @@
+"""Errors as large as the tight filter says: drives, clocks and ranges drawn from its own model."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from navlearn.filters.consistency import chi_square_quantile
+from navlearn.frames import enu_between
+from navlearn.fusion.measurements import Verdict
+from navlearn.fusion.tight.module import TightEkf
+from navlearn.fusion.tight.options import RangeGateOptions, TightEkfOptions
+from navlearn.fusion.tight.riss_vehicle import RissVehicle
+
+GROUPS = {
+    "position": [0, 1, 2],
+    "azimuth": [3],
+    "sensors": [4, 5, 6],
+    "clock": [7, 8],
+    "offset": [9],
+    "all": list(range(10)),
+}
+
+
+def measured(
+    runs: int,
+    seconds: int,
+    satellites: int,
+    model_drives: Callable[..., Any],
+    make_ranges: Callable[..., Any],
+    make_clock: Callable[..., Any],
+    make_car: Callable[..., Any],
+) -> tuple[dict[str, Tensor], Any]:
+    """NEES per group, shape (runs, K), and the history."""
+    options, start, d, sensor = model_drives(runs, seconds, 11)
+    time = torch.arange(1.0, seconds + 1, dtype=torch.float64)
+    clock, drift = make_clock(time, runs, 5)
+    at = [torch.gather(x, 1, d.timing.index) for x in d.truth[:3]]
+    # fixes of the model's drives measure position and velocity with the errors told
+    v = true_velocity(d)
+    ranges = make_ranges(
+        make_car(*at, v),
+        time,
+        clock,
+        drift,
+        satellites,
+        (0.0, 120.0),
+        TightEkfOptions().range_noise,
+        3,
+    )
+    options = type(options)(**{**vars(options), "position": False, "velocity": False})
+    gate = RangeGateOptions(probability=1.0)
+    ekf = TightEkf(RissVehicle(options), TightEkfOptions(gate=gate), systems=2)
+    with torch.no_grad():
+        history = ekf(start, d.samples, ranges, d.timing)
+    belief, there = history.belief, history.reception[0] >= 0
+    state = belief.vehicle.state
+    place = torch.stack(enu_between(*(x[:, there] for x in state[:3]), *at), -1)
+    azimuth = torch.gather(d.truth.azimuth, 1, d.timing.index)
+    turned = (state.azimuth[:, there] - azimuth).unsqueeze(-1)
+    own = belief.vehicle.sensor[:, there] - sensor
+    offset = torch.full_like(clock, 120.0)
+    behind = belief.clock[:, there] - torch.stack((clock, drift, offset), -1)
+    error = torch.cat((place, turned, own, behind), -1)
+    P = belief.covariance[:, there]
+    found = {}
+    for name, which in GROUPS.items():
+        e, part = error[..., which], P[..., which, :][..., which]
+        found[name] = (e * torch.linalg.solve(part, e.unsqueeze(-1)).squeeze(-1)).sum(-1)
+    return found, history
+
+
+def true_velocity(d: Any) -> Tensor:
+    """Velocity at the ends of intervals, from the truth's positions by central differences."""
+    dt = float(d.samples.dt[0, 0])
+    index = d.timing.index
+    v = torch.stack((d.truth.v_e, d.truth.v_n, d.truth.v_u), -1)
+    last = v.shape[1] - 1
+    before = torch.gather(v, 1, index.unsqueeze(-1).expand(*index.shape, 3))
+    after = torch.gather(v, 1, (index + 1).clamp(max=last).unsqueeze(-1).expand(*index.shape, 3))
+    assert dt > 0.0
+    return 0.5 * (before + after)
+
+
+def check(found: dict[str, Tensor], history: Any, runs: int, wide: float) -> dict[str, float]:
+    ratios = {}
+    for name, which in GROUPS.items():
+        n, later = len(which), found[name][:, 5:-1]
+        # receptions of a run hang together: the band is that of one moment's mean over runs,
+        # narrowed by what a run holds of independent moments
+        ratios[name] = float(later.mean()) / n
+        band = wide * np.sqrt(2.0 / (n * runs))
+        assert abs(ratios[name] - 1.0) < band, (name, ratios[name], band)
+    fine = history.verdict[:, 5:-1] == Verdict.ACCEPTED
+    for name, part in (("range", slice(0, 8)), ("rate", slice(8, 16))):
+        nis = history.nis[:, 5:-1, part][fine[..., part]]
+        ratios[name] = float(nis.mean())
+        # the innovations of a filter that is right are white in time, not among satellites
+        band = wide * np.sqrt(2.0 / (nis.numel() / 8))
+        assert abs(ratios[name] - 1.0) < band + 0.02, (name, ratios[name], band)
+        share = float((nis > chi_square_quantile(0.95, 1)).double().mean())
+        assert 0.03 < share < 0.07
+    return ratios
+
+
+def test_errors_are_as_large_as_told(
+    model_drives: Any, make_ranges: Any, make_clock: Any, make_car: Any
+) -> None:
+    found, history = measured(48, 30, 8, model_drives, make_ranges, make_clock, make_car)
+    check(found, history, 48, 3.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("satellites", [8, 5, 3])
+def test_errors_are_as_large_as_told_over_many_drives(
+    satellites: int, model_drives: Any, make_ranges: Any, make_clock: Any, make_car: Any
+) -> None:
+    found, history = measured(400, 90, satellites, model_drives, make_ranges, make_clock, make_car)
+    print(satellites, check(found, history, 400, 3.0))  # noqa: T201
