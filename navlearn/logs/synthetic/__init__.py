@@ -10,6 +10,7 @@ from navlearn.logs.synthetic.semi_real import with_aiding_from_reference
 from navlearn.logs.synthetic.semi_real_ranges import with_simulated_ranges
 from navlearn.logs.synthetic.simulate import simulate_drive
 from navlearn.logs.synthetic.simulated_drive import SimulatedDrive
+from navlearn.logs.synthetic.sky_noise import noise_of_sky
 
 __all__ = [
     "GRADES",
@@ -20,6 +21,7 @@ __all__ = [
     "degrade_gyro",
     "jaradat2017_scenario",
     "motion_from_trajectory",
+    "noise_of_sky",
     "simulate_drive",
     "with_aiding_from_reference",
     "with_simulated_ranges",
