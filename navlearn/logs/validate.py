@@ -15,7 +15,7 @@ from navlearn.logs.columns import REQUIRED, TABLES
 from navlearn.logs.drive_log import DriveLog
 from navlearn.logs.interval_means import FloatArray
 from navlearn.logs.nearest import nearest_hint
-from navlearn.logs.range_checks import checked_ranges
+from navlearn.logs.range_checks import check_range_metadata, checked_ranges
 
 FASTEST_CAR: Final = 120.0
 """No road car drives faster, m/s."""
@@ -45,8 +45,10 @@ def validate_log(log: DriveLog) -> DriveLog:
 
     Raises:
         LogError: A table is empty, a required column is missing or not finite, time does not
-            increase, or values cannot be in radians or SI units.
+            increase, values cannot be in radians or SI units, or what is known of raw ranges
+            cannot be.
     """
+    check_range_metadata(log.metadata)
     tables = {name: _checked_table(log, name) for name in log.tables()}
     return log.with_tables(tables)
 
