@@ -6,6 +6,7 @@ import warnings
 import numpy as np
 import pandas as pd
 import pytest
+import scipy.io
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -70,7 +71,57 @@ def nmea(home):
     (home / "gnss.nmea").write_text("\r\n".join(lines))
 
 
-FORMS = {"kitti": kitti, "comma2k19": comma2k19, "sensorlogger": sensorlogger, "nmea": nmea}
+def smartloc(home):
+    home.mkdir(parents=True)
+    odometry, ranges, truth = [], [], []
+    for k in range(N):
+        odometry.append(f"odom3 {0.2 * k:g} 5 0 0 0 0 -0.01 1 1 1 1 1 1")
+        for number, system in ((12, 1), (301, 4)):
+            ranges.append(f"range3 {0.2 * k:g} 2.1e7 25 2e7 1.1e7 1.2e7 {number} {system} 60 45")
+        truth.append(f"point3 {0.2 * k:g} 3785108 899901 5037234" + 9 * " 0")
+    (home / "A_Input.txt").write_text("\n".join(odometry + ranges))
+    (home / "A_GT.txt").write_text("\n".join(truth))
+
+
+def cell_row(values):
+    cells = np.empty((1, N), dtype=object)
+    for k in range(N):
+        cells[0, k] = np.array([[float(value)] for value in values])
+    return cells
+
+
+def navinst(home):
+    (home / "Mat").mkdir(parents=True)
+    second, week = np.arange(N)[None, :], np.full((1, N), 1485)
+    one, axes = np.ones((1, N)), "XYZ"
+    raw = {name: [1.0, 2.0] for name in ("Rho_GPS_std", "Dopp_GPS", "Sat_Ion_Corr", "Sat_Tro_Corr")}
+    raw |= {f"Sat_V{axis}": [1e3, 2e3] for axis in axes} | {"Sat_Clk_Corr": [5e3, 6e3]}
+    raw |= {f"Sat_{axis}": [1.5e7, -1.6e7] for axis in axes} | {"Sat_Num": [3, 4]}
+    raw["Rho_GPS"] = [2.1e7, 2.2e7]
+    imu = {"IMU_second": second, "w": dict.fromkeys("xyz", one), "f": dict.fromkeys("xyz", one)}
+    ranges = {name: cell_row(values) for name, values in raw.items()}
+    receiver = {"sv_no": cell_row([4, 3]), "c_2_n_L1": cell_row([40, 41])}
+    files = {
+        "f_w_IMSseconds_dt.mat": imu,
+        "CarChip_Speed_interpolated.mat": {"CarChip_second_1HZ": second, "CarChip_Speed_1HZ": one},
+        "BESTGPSPOS.mat": {"BGP_second": second}
+        | {f"BGP_{name}{end}": one for name in ("Lat", "Long", "Alt") for end in ("", "_std")},
+        "Raw_Data_combined.mat": {"RAW_second": second, "RAW_week": week, **ranges},
+        "GPS_Data_Combined_Nova.mat": {"GPS_sec": second, "GPS_week": week, **receiver},
+        "IONUTC.mat": {f"{letter}{power}": one for letter in "ab" for power in range(4)},
+    }
+    for name, variables in files.items():
+        scipy.io.savemat(home / "Mat" / name, variables)
+
+
+FORMS = {
+    "kitti": kitti,
+    "comma2k19": comma2k19,
+    "sensorlogger": sensorlogger,
+    "nmea": nmea,
+    "smartloc": smartloc,
+    "navinst": navinst,
+}
 
 
 def read(home, form):
@@ -116,6 +167,7 @@ def test_bent_bytes(form, data, tmp_path_factory):
         if len(str(error)) < 20:
             pytest.fail(str(error))
         return
-    for table in log.tables().values():
-        assert (np.diff(table["t"]) > 0.0).all()
-        assert not np.isinf(table.to_numpy()).any()
+    for name, table in log.tables().items():
+        step = np.diff(table["t"])
+        assert (step >= 0.0 if name == "ranges" else step > 0.0).all()
+        assert not np.isinf(table.select_dtypes("number").to_numpy()).any()
