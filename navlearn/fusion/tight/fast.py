@@ -45,8 +45,7 @@ def run_tight_fast(
         History, or None where the vehicle has no such form, the passes did not converge, or what is
         believed oscillates.
     """
-    with torch.no_grad():
-        of_vehicle = model.vehicle.passes(start.vehicle, line.vehicle)
+    of_vehicle = model.vehicle.passes(start.vehicle, line.vehicle)
     if of_vehicle is None:
         return None
     passes = _Passes(model, start, line, noise, of_vehicle)
