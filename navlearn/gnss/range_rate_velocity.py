@@ -20,7 +20,7 @@ from navlearn.gnss.receptions import flattened
 from navlearn.gnss.sight import sight
 from navlearn.gnss.single_point import Place, Reason
 from navlearn.gnss.single_point_options import SinglePointOptions
-from navlearn.gnss.usable import usable_rates
+from navlearn.gnss.usable import usable_rates, weights_of
 from navlearn.states import SatelliteRanges
 
 
@@ -85,10 +85,11 @@ def range_rate_velocity(
     batch = ranges.pseudorange.shape[:-1]
     usable = usable_rates(flat, options.elevation_mask)
     variance = rate_variance(noise, flat.elevation, flat.cn0, flat.std_rate)
-    weight = torch.where(usable, 1.0 / variance, 0.0)
     unit, own_rate = _sights(flat, place, batch)
     known = torch.isfinite(flat.range_rate + own_rate)
+    weight = weights_of(variance, usable & known)
     observation = torch.where(known, flat.range_rate - own_rate, 0.0)
+    unit = torch.where(torch.isfinite(own_rate).unsqueeze(-1), unit, 0.0)
     design = torch.cat((-unit, torch.ones_like(unit[..., :1])), dim=-1)
     with torch.no_grad():
         kept, passed = _searched(design, observation, weight.detach(), options)

@@ -20,7 +20,7 @@ from navlearn.gnss.range_noise import RangeNoise, range_noise, range_variance
 from navlearn.gnss.receptions import flattened
 from navlearn.gnss.sight import sight
 from navlearn.gnss.single_point_options import SinglePointOptions
-from navlearn.gnss.usable import usable_ranges
+from navlearn.gnss.usable import usable_ranges, weights_of
 from navlearn.states import SatelliteRanges
 
 Place = tuple[Tensor, Tensor, Tensor]
@@ -113,7 +113,7 @@ def single_point(
     batch = ranges.pseudorange.shape[:-1]
     usable = usable_ranges(flat, options.elevation_mask)
     variance = range_variance(noise, flat.elevation, flat.cn0, flat.std_range)
-    weight = torch.where(usable, 1.0 / variance, 0.0)
+    weight = weights_of(variance, usable)
     if systems is None:
         systems = int(flat.system.max()) + 1 if flat.system.numel() else 1
     problem = range_problem(flat.satellite, flat.pseudorange, flat.system, systems)

@@ -57,6 +57,20 @@ def usable_rates(ranges: SatelliteRanges, elevation_mask: float) -> Tensor:
     return moving
 
 
+def weights_of(variance: Tensor, usable: Tensor) -> Tensor:
+    """Return inverse variances of what is usable, 0 for the rest and where there is no variance.
+
+    Args:
+        variance: Variance of each observation, shape (...).
+        usable: Mask, bool, shape (...).
+
+    Returns:
+        Weights, shape (...).
+    """
+    sound = usable & torch.isfinite(variance) & (variance > 0.0)
+    return torch.where(sound, 1.0 / torch.where(sound, variance, 1.0), 0.0)
+
+
 def _sighted(ranges: SatelliteRanges, has: Tensor, elevation_mask: float) -> Tensor:
     from_centre = torch.linalg.vector_norm(ranges.satellite, dim=-1)
     in_orbit = (from_centre > _LOWEST_ORBIT) & (from_centre < _HIGHEST_ORBIT)
