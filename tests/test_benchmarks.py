@@ -36,6 +36,9 @@ SMALLEST = {
         *("--grades", "mems_m", "--seeds", "11", "--outages", "1x30"),
         *("--steps", "50", "--repeats", "1"),
     ],
+    "tight_ekf": [
+        *("--minutes", "1", "--window", "5", "--count", "2", "--short", "2", "--repeats", "1"),
+    ],
     "strapdown": [
         *("--repeats", "1", "--samples", "4000", "--loop-samples", "30"),
         *("--drift-minutes", "0.2", "--compare-minutes", "0.2"),

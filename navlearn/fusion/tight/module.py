@@ -23,7 +23,7 @@ from navlearn.fusion.tight.options import TightEkfOptions
 from navlearn.fusion.tight.prediction import predicted_belief, tight_ahead
 from navlearn.fusion.tight.recursion import run_tight_loop
 from navlearn.fusion.tight.start import tight_start
-from navlearn.fusion.tight.timeline import Reception, tight_timeline, usable
+from navlearn.fusion.tight.timeline import Reception, tight_timeline, usable, with_system_each
 from navlearn.fusion.tight.update import updated
 from navlearn.fusion.tight.vehicle import Vehicle
 from navlearn.states import FixTiming, GnssFix, ImuSample, RissSample, SatelliteRanges
@@ -134,6 +134,7 @@ class TightEkf(nn.Module):
                 f"tight filter: samples have shape {tuple(samples.dt.shape)}; expected (B, T) or "
                 "(T,) with at least one sample"
             )
+        ranges = with_system_each(ranges)
         check_tight_inputs(self.model, start, samples, ranges, timing, fixes)
         line = tight_timeline(self.model, samples, ranges, timing, fixes)
         history = None

@@ -69,6 +69,18 @@ def tight_timeline(
     return TightLine(line, Reception(received, line.delay, elapsed))
 
 
+def with_system_each(ranges: SatelliteRanges) -> SatelliteRanges:
+    """Return ranges whose systems are told at every reception.
+
+    Args:
+        ranges: Ranges, shape (B, M, S) each; systems of that shape or of shape (B, S).
+    """
+    if ranges.system.dim() == ranges.has_range.dim():
+        return ranges
+    each = ranges.system.unsqueeze(-2).expand(ranges.has_range.shape)
+    return ranges._replace(system=each)
+
+
 def usable(options: TightEkfOptions, ranges: SatelliteRanges) -> SatelliteRanges:
     """Return ranges with everything that is not used put to harmless values.
 
