@@ -212,6 +212,17 @@ def test_satellites_when_they_sent(read: Callable[..., RinexRanges], tmp_path: P
         assert row.sat_clock_rate == pytest.approx(float(expected.clock_rate[0]), abs=1e-12)
 
 
+def test_qzss_is_read_as_gps(read: Callable[..., RinexRanges]) -> None:
+    """The same numbers give the same orbit; the last bit of its health is of another signal."""
+    types = {"G": "C1C D1C S1C", "J": "C1C D1C S1C"}
+    both = [(NOON, {name: (36e6, -500.0, 40.0) for name in ("G02", "J02")})]
+    texts = [message(name, NOON, OF_WEEK, health=h) for name, h in (("G02", 0.0), ("J02", 1.0))]
+    table = read(observations(both, types=types), texts).table
+    assert list(table["satellite"]) == ["G02", "J02"]
+    for column in table.columns.drop(["t", "satellite"]):
+        assert table[column][0] == table[column][1], column
+
+
 def test_the_group_delay_of_the_code_that_was_measured(read: Callable[..., RinexRanges]) -> None:
     plain = read(texts=messages(delay=0.0, delay_2=0.0)).table["sat_clock"][:4]
     late = read(texts=messages(delay=1e-8, delay_2=3e-8)).table["sat_clock"][:4]
@@ -426,6 +437,7 @@ def test_cut_off_at_the_end(read: Callable[..., RinexRanges]) -> None:
         (observations(usual())[:300], r"no pseudorange|cannot be read"),
         (observations([]), "no pseudorange of a known code"),
         (observations(usual()).replace("21000000.000", "21x00000.000"), r"found '21x00000.000'"),
+        (observations(usual()).replace("21000000.000", "         inf"), r"found 'inf'"),
         (observations(usual()).replace("> 2023 06 29", "> 2023 06 31"), "no time in"),
         (observations(usual()).replace("\nG07", "\nGxx"), r"found 'Gxx' where a satellite"),
         (observations(usual()).replace("> 2023", "? 2023"), r"expected the line that begins"),

@@ -18,9 +18,9 @@ import torch
 
 from navlearn.errors import LogError
 from navlearn.gnss import signals
-from navlearn.gnss.gnss_time import BEIDOU_BEHIND, gps_from_utc, leap_seconds
+from navlearn.gnss.gnss_time import BEIDOU_BEHIND, WEEK, gps_from_utc, leap_seconds
 from navlearn.logs.formats.rinex_navigation import Navigation, read_navigation
-from navlearn.logs.formats.rinex_observations import WEEK, Observations, read_observations
+from navlearn.logs.formats.rinex_observations import Observations, read_observations
 from navlearn.logs.formats.rinex_orbits import UNHEALTHY, VALID_FOR, Sent, satellites_when_sent
 from navlearn.logs.interval_means import FloatArray
 
@@ -168,6 +168,8 @@ def _notes(found: Observations, broadcast: Navigation, sent: Sent) -> dict[str, 
         "receptions": int(found.table["t"].nunique()),
         **found.counts,
     }
+    if found.position:
+        notes["position in the header, m"] = list(found.position)
     if broadcast.incomplete:
         notes["incomplete navigation messages"] = broadcast.incomplete
     if sent.missing:

@@ -5,7 +5,6 @@ within half a week of which an orbit's reference time lies: a week told modulo 1
 """
 
 import warnings
-import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
@@ -17,8 +16,8 @@ import pandas as pd
 import torch
 
 from navlearn.errors import LogError
-from navlearn.gnss.gnss_time import BEIDOU_BEHIND, gps_from_utc
-from navlearn.logs.formats.rinex_observations import WEEK, georinex, rinex_header
+from navlearn.gnss.gnss_time import BEIDOU_BEHIND, WEEK, gps_from_utc
+from navlearn.logs.formats.rinex_header import DAMAGE, georinex, rinex_version
 from navlearn.logs.interval_means import FloatArray
 
 KEPLER: Final[Mapping[str, str]] = {
@@ -126,16 +125,16 @@ def read_navigation(
 
 
 def _read(path: Path, systems: str, limits: tuple[datetime, datetime]) -> Any:
-    info = rinex_header(path, "nav")
+    version = rinex_version(path, "nav")
     library = georinex()
     try:
         with warnings.catch_warnings():
             # of how xarray will join tables in future
             warnings.simplefilter("ignore")
-            if int(float(info["version"])) == 3:
+            if version == 3:
                 return library.rinexnav3(path, use=set(systems), tlim=limits)
             return library.rinexnav2(path, tlim=limits)
-    except (OSError, EOFError, zlib.error, UnicodeDecodeError) as error:
+    except DAMAGE as error:
         raise LogError(f"{path.name}: not readable ({error}); it is truncated") from error
     except (ValueError, KeyError, IndexError, TypeError, NotImplementedError) as error:
         raise LogError(
