@@ -54,13 +54,16 @@ def cut_to_one_drive(sweep: SweepRecipe) -> SweepRecipe:
     del content["versions"]
     drives = content["sweep"]
     if isinstance(sweep.sweep, RecordedDrives):
-        drives |= {"logs": drives["logs"][1:2], "durations_s": drives["durations_s"][:1]}
+        logs = drives["logs"][1:2] or drives["logs"]
+        drives |= {"logs": logs, "durations_s": drives["durations_s"][:1]}
     else:
         drives |= {"drives": 1, "first_seed": 11, "durations_s": drives["durations_s"][:1]}
     if isinstance(sweep.sweep, SimulatedDrives | DegradedDrives):
         drives |= {"grades": ["mems_l"], "durations_s": [60.0]}
     if isinstance(sweep.sweep, SimulatedDrives):
         drives |= {"duration_s": 1000.0}
+    if "satellites" in drives:
+        drives["satellites"] = drives["satellites"][:1]
     for name in ("filter_by_grade", "ins_filter_by_grade"):
         content[name] = {key: one for key, one in content[name].items() if key == "mems_l"}
     content["outages"]["count"] = 1
