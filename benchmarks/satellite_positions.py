@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from navlearn.gnss import glonass, signals
+from navlearn.gnss import pz90, signals
 from navlearn.gnss.ephemeris import KeplerEphemeris
 from navlearn.gnss.glonass import glonass_state
 from navlearn.gnss.kepler import kepler_state
@@ -134,14 +134,14 @@ def accuracy(told, peer, points):
             shown(NAMES[letter], *compared(letter, table, peer, points))
     if len(told.states):
         shown(NAMES["R"], *compared("R", told.states, peer, points))
-        own = glonass.GRAVITATION, glonass.OBLATENESS
-        glonass.GRAVITATION, glonass.OBLATENESS = 3.9860044e14, 1.0826257e-3
+        own = pz90.GRAVITATIONAL_CONSTANT, pz90.OBLATENESS
+        pz90.GRAVITATIONAL_CONSTANT, pz90.OBLATENESS = 3.9860044e14, 1.0826257e-3
         try:
             # one time by one, for steps depend on the furthest
             options = {"longest_step": 60.0}
             rows, count = compared("R", told.states, peer, 2, **options)
         finally:
-            glonass.GRAVITATION, glonass.OBLATENESS = own
+            pz90.GRAVITATIONAL_CONSTANT, pz90.OBLATENESS = own
         shown("GLONASS, RTKLIB's numbers", rows, count)
 
 

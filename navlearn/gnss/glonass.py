@@ -10,21 +10,9 @@ import torch
 from torch import Tensor
 
 from navlearn.errors import ShapeError
-from navlearn.gnss import signals
+from navlearn.gnss import pz90, signals
 from navlearn.gnss.ephemeris import GlonassEphemeris, SatelliteState
 from navlearn.gnss.gnss_time import half_week
-
-GRAVITATION: float = 3.986004418e14
-"""GM of PZ-90, m³/s²."""
-
-EQUATORIAL_RADIUS: float = 6378136.0
-"""Semi-major axis of PZ-90, m."""
-
-OBLATENESS: float = 1.08262575e-3
-"""J₂ of PZ-90."""
-
-EARTH_RATE: float = 7.292115e-5
-"""Rotation rate of the Earth, rad/s."""
 
 
 def glonass_acceleration(position: Tensor, velocity: Tensor, by_others: Tensor) -> Tensor:
@@ -40,12 +28,13 @@ def glonass_acceleration(position: Tensor, velocity: Tensor, by_others: Tensor) 
     Returns:
         Acceleration, m/s², shape (..., 3).
     """
-    first = (part.movedim(-1, 0) for part in (position, velocity, by_others))
-    return _acceleration(*first).movedim(0, -1)
+    return _acceleration(
+        position.movedim(-1, 0), velocity.movedim(-1, 0), by_others.movedim(-1, 0)
+    ).movedim(0, -1)
 
 
 def glonass_state(
-    ephemeris: GlonassEphemeris, gps_seconds: Tensor, *, longest_step: float = 60.0
+    ephemeris: GlonassEphemeris, gps_seconds: Tensor, longest_step: float = 60.0
 ) -> SatelliteState:
     """Return position, velocity and clock of GLONASS satellites when they send.
 
@@ -69,10 +58,10 @@ def glonass_state(
     steps = max(1, math.ceil(furthest / longest_step))
     step = since / steps
     # axes first: each component lies together in memory, twice as fast
-    position, velocity, by_others = (
-        (part + torch.zeros_like(step).unsqueeze(-1)).movedim(-1, 0).contiguous()
-        for part in (ephemeris.position, ephemeris.velocity, ephemeris.acceleration)
-    )
+    spread = torch.zeros_like(step).unsqueeze(-1)
+    position = (ephemeris.position + spread).movedim(-1, 0).contiguous()
+    velocity = (ephemeris.velocity + spread).movedim(-1, 0).contiguous()
+    by_others = (ephemeris.acceleration + spread).movedim(-1, 0).contiguous()
     for _ in range(steps):
         position, velocity = _runge_kutta(position, velocity, by_others, step)
     position, velocity = position.movedim(0, -1), velocity.movedim(0, -1)
@@ -86,14 +75,14 @@ def glonass_state(
 def _acceleration(position: Tensor, velocity: Tensor, by_others: Tensor) -> Tensor:
     """Return :func:`glonass_acceleration` of vectors with their axis first."""
     square = (position * position).sum(0)
-    pull = GRAVITATION / (square * torch.sqrt(square))
-    bulge = 1.5 * OBLATENESS * EQUATORIAL_RADIUS**2 * pull / square
+    pull = pz90.GRAVITATIONAL_CONSTANT / (square * torch.sqrt(square))
+    bulge = 1.5 * pz90.OBLATENESS * pz90.SEMI_MAJOR_AXIS**2 * pull / square
     polar = 5.0 * position[2] ** 2 / square
-    level = bulge * (polar - 1.0) - pull + EARTH_RATE**2
+    level = bulge * (polar - 1.0) - pull + pz90.EARTH_RATE**2
     own = torch.stack(
         (
-            level * position[0] + 2.0 * EARTH_RATE * velocity[1],
-            level * position[1] - 2.0 * EARTH_RATE * velocity[0],
+            level * position[0] + 2.0 * pz90.EARTH_RATE * velocity[1],
+            level * position[1] - 2.0 * pz90.EARTH_RATE * velocity[0],
             (bulge * (polar - 3.0) - pull) * position[2],
         )
     )

@@ -92,7 +92,8 @@ def half_week(difference: Tensor) -> Tensor:
     Returns:
         The same difference in [−302400, 302400), s, shape (...).
     """
-    return torch.remainder(difference + 0.5 * WEEK, WEEK) - 0.5 * WEEK
+    # numbers, for scripted code reads no constant of its own module
+    return torch.remainder(difference + 302400.0, 604800.0) - 302400.0
 
 
 def leap_seconds(gps_seconds: Tensor) -> Tensor:

@@ -126,6 +126,11 @@ def test_batch_equals_loop_and_shapes_broadcast() -> None:
     assert none.position.shape == (0, 3)
 
 
+def test_streaming_code_can_script_it() -> None:
+    scripted = torch.jit.script(glonass_state)(message(), tensor([387018.0]))
+    torch.testing.assert_close(tuple(scripted), tuple(glonass_state(message(), tensor([387018.0]))))
+
+
 def test_velocity_is_the_derivative() -> None:
     t = tensor([386118.0, 386718.0])
 

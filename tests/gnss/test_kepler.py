@@ -222,6 +222,13 @@ def test_batch_equals_loop() -> None:
                 torch.testing.assert_close(batched[j, k], single, atol=1e-7, rtol=1e-14)
 
 
+def test_streaming_code_can_script_it() -> None:
+    told = drawn(3)
+    t = torch.tensor([385000.0, 388800.0, 392000.0], dtype=torch.float64)
+    scripted = torch.jit.script(kepler_state)(told, t)
+    torch.testing.assert_close(tuple(scripted), tuple(kepler_state(told, t)))
+
+
 def test_eccentric_anomaly_by_a_root_finder() -> None:
     for e in (0.0, 0.01, 0.2, 0.3):
         mean = np.linspace(0.0, 2 * np.pi, 21)

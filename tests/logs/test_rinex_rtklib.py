@@ -9,7 +9,7 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from navlearn.gnss import glonass
+from navlearn.gnss import pz90
 from navlearn.gnss.ephemeris import SatelliteState
 from navlearn.gnss.glonass import glonass_state
 from navlearn.gnss.kepler import kepler_state
@@ -137,8 +137,8 @@ def test_keplerian_satellites(letter: str, ours: Navigation, peer: Peer) -> None
 
 def test_glonass_satellites(ours: Navigation, peer: Peer, monkeypatch: pytest.MonkeyPatch) -> None:
     # RTKLIB takes constants of fewer digits, 4.5 mm after half an hour, and steps of a minute
-    monkeypatch.setattr(glonass, "GRAVITATION", 3.9860044e14)
-    monkeypatch.setattr(glonass, "OBLATENESS", 1.0826257e-3)
+    monkeypatch.setattr(pz90, "GRAVITATIONAL_CONSTANT", 3.9860044e14)
+    monkeypatch.setattr(pz90, "OBLATENESS", 1.0826257e-3)
     times = np.linspace(-1800.0, 1800.0, 13)
     for k in range(len(ours.states)):
         row = ours.states.iloc[k]
