@@ -101,6 +101,11 @@ def fit_course(
     usable = (timing.index >= 0) & (fixes.has_velocity > 0)
     usable = usable & (torch.minimum(speed, odometer) > options.speed)
     if not bool(usable.any()):
+        if not bool((fixes.has_velocity > 0).any()):
+            raise LogError(
+                "dead reckoning: no fix before the outage has a velocity, which a course is taken "
+                "from; use a filter (ekf, tc_ekf), which is aligned by the way driven"
+            )
         raise LogError(
             f"dead reckoning: no fix faster than {options.speed:g} m/s before the outage tells "
             "a course; start the outage later or lower DeadReckoningOptions.speed"

@@ -73,8 +73,17 @@ def reference_from_fixes(log: DriveLog, *, min_speed: float = 3.0) -> pd.DataFra
 
     Returns:
         Columns of :data:`navlearn.logs.columns.REFERENCE` that fixes can give.
+
+    Raises:
+        LogError: The drive has no fixes.
     """
     fixes = log.fixes[log.fixes["lat"].notna() & log.fixes["lon"].notna()].reset_index(drop=True)
+    if fixes.empty:
+        remedy = "make them of its raw ranges first (with_single_point_fixes)"
+        raise LogError(
+            f"{log.metadata.name}: neither a reference nor fixes to judge with; "
+            + (remedy if log.ranges is not None else "use a log with one of them")
+        )
     kept = ["t", *(name for name in REFERENCE if name in fixes)]
     table = fixes[kept].copy()
     if {"v_e", "v_n"} <= set(fixes):

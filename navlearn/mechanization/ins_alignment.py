@@ -81,7 +81,8 @@ def _advice(fixes: GnssFix, usable: Tensor, best: float, options: InsAlignmentOp
     if count == 0:
         return (
             f"{where}: none of {usable.numel()} fixes has both position and velocity, which an "
-            "attitude is found from; use a log whose receiver tells velocity"
+            "attitude is found from; use a log whose receiver tells velocity, or whose raw ranges "
+            "have range rates that fixes can be made from (with_single_point_fixes)"
         )
     fastest = float(torch.hypot(fixes.v_e, fixes.v_n)[usable].max())
     if options.method == "levelled+course":

@@ -121,3 +121,10 @@ def test_the_lever_arm_is_taken_off_the_antenna():
     antenna = matrix_from_angles(*angles) @ torch.tensor(arm, dtype=torch.float64)
     found = torch.stack(enu_between(*bare[:3], *moved[:3]))
     torch.testing.assert_close(found, antenna, atol=1e-6, rtol=0.0)
+
+
+def test_positions_alone_tell_no_course():
+    samples, fixes, timing, _ = winding_drive()
+    positions = fixes._replace(has_velocity=torch.zeros_like(fixes.has_velocity))
+    with pytest.raises(LogError, match=r"no fix before the outage has a velocity.*tc_ekf"):
+        fit_course(samples, positions, timing, DeadReckoningOptions())

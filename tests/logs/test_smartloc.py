@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 from navlearn.errors import LogError, LogNotFoundError
 from navlearn.logs.range_tensors import ranges_of
 from navlearn.logs.reading import read_log, recognise_format
-from navlearn.logs.reference import reference_at
+from navlearn.logs.reference import reference_at, reference_from_fixes
 
 DATASETS = Path(__file__).resolve().parents[2] / "datasets"
 TIMES = [0.0, 0.3, 0.5, 0.7]
@@ -175,5 +176,8 @@ def test_both_variants_hear_the_same_satellites(data_folder):
     data_folder("smartloc_potsdamer")
     one, two = (read_log(DATASETS / f"{name}.yaml") for name in ("smartloc", "smartloc_rtklib"))
     assert set(one.ranges["satellite"]) == set(two.ranges["satellite"])
+    bare = replace(one, reference=None)
+    with pytest.raises(LogError, match=r"neither a reference nor fixes .*with_single_point_fixes"):
+        reference_from_fixes(bare)
     moved = reference_at(one, one.imu["t"].to_numpy())
     assert moved["lat"].notna().all()
