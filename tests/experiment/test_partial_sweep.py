@@ -1,5 +1,6 @@
 """Outages with few satellites from recipe to report: the same outages for every number."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +11,15 @@ from typer.testing import CliRunner
 
 from navlearn.cli import app
 from navlearn.experiment import run_recipe
+from navlearn.experiment.methods import build_methods
 from navlearn.experiment.sweep import SweepResult, run_sweep
 from navlearn.experiment.sweep_drives import make_drive
+from navlearn.logs.drive_log import DriveLog
 from navlearn.logs.formats.native import save_log
+from navlearn.logs.reading import read_log
+from navlearn.outages.known_log import known_log
+from navlearn.outages.placement import place_outages
+from navlearn.outages.schedule import Outage
 from navlearn.recipe.strict import parse
 from navlearn.recipe.sweep import SweepRecipe
 
@@ -97,6 +104,36 @@ def test_a_number_alone_gives_the_same_figures(
         assert swept["satellites_visible"].tolist() == single["satellites_visible"].tolist()
         np.testing.assert_allclose(swept[FIGURES], single[FIGURES], rtol=1e-4, atol=1e-4)
     assert (tmp_path / "run" / "sky.png").exists() == (satellites > 0)
+
+
+def poisoned(log: DriveLog, outage: Outage, *, through: bool = False) -> DriveLog:
+    """Return the log with absurd ranges where a method must not see any, or where it does."""
+    ranges, fixes = log.ranges.copy(), log.fixes.copy()
+    stays = ranges["satellite"].isin(outage.satellites_visible)
+    later, inside = ranges["t"] >= outage.start, ranges["t"] <= outage.end
+    wrong = later & inside & stays if through else later & ~(inside & stays)
+    ranges.loc[wrong, ["pseudorange", "range_rate"]] += 3e4
+    ranges.loc[wrong, ["sat_x", "sat_y", "sat_z"]] *= -1.0
+    fixes.loc[fixes["t"] >= outage.start, ["lat", "lon"]] = 0.1
+    reference = log.reference.assign(lat=-0.3, lon=2.0)
+    return replace(log, ranges=ranges, fixes=fixes, reference=reference)
+
+
+def test_a_tight_filter_sees_nothing_but_the_satellites_that_stay(drive: Path) -> None:
+    log = read_log(drive)
+    recipe = sweep_of().for_drive("any", 20.0, "mems_x", 2)
+    known = place_outages(recipe.outages.protocol(), log).outages[0]
+
+    def solved(seen: DriveLog, outage: Outage) -> pd.DataFrame:
+        method = build_methods(recipe)["tc_ekf"]
+        return method.predict(known_log(seen, outage), outage).table
+
+    clean = solved(log, known)
+    pd.testing.assert_frame_equal(solved(poisoned(log, known), known), clean, check_exact=True)
+    # The filter does use those that stay: without them, and with wrong ones, it is elsewhere.
+    alone = solved(log, replace(known, satellites_visible=()))
+    assert (alone["lat"].iloc[-1], alone["lon"].iloc[-1]) != tuple(clean.iloc[-1][["lat", "lon"]])
+    assert not solved(poisoned(log, known, through=True), known).equals(clean)
 
 
 def test_one_recorded_drive_is_judged_by_outage(drive: Path, tmp_path: Path) -> None:
