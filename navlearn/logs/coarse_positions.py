@@ -3,6 +3,7 @@
 Found from fixes or from the ranges themselves, always from what came before.
 """
 
+import math
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -11,22 +12,15 @@ import pandas as pd
 import torch
 from torch import Tensor
 
-from navlearn import frames
+from navlearn.gnss.single_point import Reason, single_point
+from navlearn.gnss.single_point_options import SinglePointOptions
 from navlearn.logs.interval_means import FloatArray
+from navlearn.states import SatelliteRanges
 
 IntArray = npt.NDArray[np.int64]
 
 EVERY: Final = 10.0
 """Ranges are solved anew this often, s: a car gets no further than satellites notice."""
-
-HUBER: Final = 30.0
-"""Residual from which a range counts less and less, m."""
-
-LOWEST, HIGHEST = -1000.0, 20000.0
-"""Heights of receivers that are believed, m."""
-
-LARGEST_DILUTION: Final = 30.0
-"""Geometries worse than this say nothing."""
 
 
 class Coarse(NamedTuple):
@@ -60,9 +54,7 @@ def coarse_from_fixes(fixes: pd.DataFrame) -> Coarse:
 def coarse_from_ranges(
     t: FloatArray, satellite: Tensor, pseudorange: Tensor, has: Tensor, system: Tensor
 ) -> Coarse:
-    """Return positions by robust least squares from every so many ranges.
-
-    Gauss-Newton from the Earth's centre, then reweighted after Huber; one clock per system.
+    """Return single-point positions, one in every so many seconds.
 
     Args:
         t: Times of reception, s, increasing, shape (M,).
@@ -75,11 +67,16 @@ def coarse_from_ranges(
     if chosen.size == 0:
         return Coarse(*(np.zeros(0) for _ in Coarse._fields))
     kept = torch.from_numpy(chosen)
-    position, fine = _solved(satellite[kept], pseudorange[kept], has[kept], system)
-    lat, lon, height = frames.geodetic_from_ecef(position)
-    fine = fine & (height > LOWEST) & (height < HIGHEST)
+    ranges = _seen_anyhow(satellite[kept], pseudorange[kept], has[kept], system)
+    with torch.no_grad():
+        found = single_point(ranges, SinglePointOptions(elevation_mask=0.0))
+    # delays are still in the ranges: that they do not fit to metres says nothing here
+    fine = found.ok | (found.reason == Reason.INCONSISTENT)
     believed = fine.numpy()
-    return Coarse(t[chosen][believed], *(part.numpy()[believed] for part in (lat, lon, height)))
+    return Coarse(
+        t[chosen][believed],
+        *(part.numpy()[believed] for part in (found.lat, found.lon, found.height)),
+    )
 
 
 def latest(coarse: Coarse, t: FloatArray) -> tuple[FloatArray, Coarse]:
@@ -109,26 +106,21 @@ def _enough(t: FloatArray, has: Tensor, system: Tensor) -> IntArray:
     return found
 
 
-def _solved(
+def _seen_anyhow(
     satellite: Tensor, pseudorange: Tensor, has: Tensor, system: Tensor
-) -> tuple[Tensor, Tensor]:
-    """Return Earth-fixed positions, shape (M, 3), and which of them are well determined."""
-    clocks = torch.nn.functional.one_hot(system).to(pseudorange)
-    clocks = clocks.expand(*pseudorange.shape, clocks.shape[-1])
-    unknown = pseudorange.new_zeros(pseudorange.shape[0], 3 + clocks.shape[-1])
-    ridge = 1e-9 * torch.eye(unknown.shape[-1], dtype=unknown.dtype)
-    weight, normal = has, ridge.expand(len(unknown), -1, -1)
-    for turn in range(16):
-        away = satellite - unknown[:, None, :3]
-        distance = torch.linalg.vector_norm(away, dim=-1).clamp_min(1.0)
-        design = torch.cat((-away / distance.unsqueeze(-1), clocks), dim=-1)
-        offset = (clocks * unknown[:, None, 3:]).sum(-1)
-        residual = torch.where(has > 0.0, pseudorange - distance - offset, 0.0 * distance)
-        if turn >= 8:
-            weight = has * HUBER / residual.abs().clamp_min(HUBER)
-        weighted = design * weight.unsqueeze(-1)
-        normal = design.transpose(-1, -2) @ weighted + ridge
-        unknown = unknown + torch.linalg.solve(normal, (weighted * residual.unsqueeze(-1)).sum(-2))
-    spread = torch.linalg.inv(normal).diagonal(dim1=-2, dim2=-1)[:, :3].sum(-1)
-    fine = torch.isfinite(unknown).all(-1) & (spread < LARGEST_DILUTION**2) & (spread > 0.0)
-    return unknown[:, :3], fine
+) -> SatelliteRanges:
+    """Return ranges of which only satellites, pseudoranges and systems are known."""
+    unknown = torch.zeros_like(pseudorange)
+    return SatelliteRanges(
+        satellite=satellite,
+        satellite_velocity=torch.zeros_like(satellite),
+        pseudorange=pseudorange,
+        range_rate=unknown,
+        elevation=unknown + 0.25 * math.pi,
+        cn0=unknown + 45.0,
+        std_range=unknown,
+        std_rate=unknown,
+        system=system,
+        has_range=has,
+        has_rate=unknown,
+    )

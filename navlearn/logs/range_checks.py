@@ -115,7 +115,8 @@ def check_range_metadata(metadata: LogMetadata) -> None:
 
 def _require_orbits(where: str, ranges: pd.DataFrame) -> None:
     axes = [ranges[f"sat_{axis}"].to_numpy(np.float64) for axis in "xyz"]
-    far = np.sqrt(sum(axis * axis for axis in axes))
+    with np.errstate(over="ignore"):
+        far = np.sqrt(sum(axis * axis for axis in axes))
     wrong = ~((far >= NEAREST) & (far <= FARTHEST))
     if not wrong.any():
         return

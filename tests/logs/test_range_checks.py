@@ -68,6 +68,7 @@ def test_a_sound_table_passes_as_it_is():
         (changed(6, "t", np.nan), "no time at row 7"),
         (changed(4, "sat_x", 0.0), None),
         (changed(4, ["sat_x", "sat_y", "sat_z"], 0.0), "G30 is 0 m .* orbit is not known"),
+        (changed(4, "sat_x", 1e200), "satellite G30 is inf m from"),
         (changed(4, "sat_x", 9e7), "satellite G30 is 9.* m from the Earth's centre at row 5"),
         (changed(4, "pseudorange", 3e5), None),
     ],
