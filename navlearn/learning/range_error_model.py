@@ -17,6 +17,7 @@ from navlearn.learning.range_level import (
     fit_gauss_markov,
     last_values,
     predict_gauss_markov,
+    recent_mean,
 )
 from navlearn.learning.range_residuals import CHANNELS, HELD, ResidualSeries
 from navlearn.learning.range_windows import RangeWindows, past_windows
@@ -124,6 +125,8 @@ def _limited(error: Tensor, windows: RangeWindows, options: RangeErrorOptions) -
 
 def _held(windows: RangeWindows, options: RangeErrorOptions, _: TrainingSource) -> Predicted:
     last = last_values(windows.target).unsqueeze(-1)
+    if options.average_s > 0.0:
+        last = recent_mean(windows.target, options.average_s / windows.step)[:, -1:]
     error = _limited(last.expand(-1, windows.ahead.shape[1]), windows, options)
     off = torch.where(torch.isfinite(windows.target), windows.target - last, 0.0)
     count = torch.isfinite(windows.target).sum(-1, keepdim=True)

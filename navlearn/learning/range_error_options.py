@@ -18,8 +18,8 @@ class RangeErrorOptions:
     """What is learned of range errors.
 
     Attributes:
-        structure: ``pci``, ``fos`` or ``anarx``; ``held`` keeps each satellite's last residual,
-            ``decay`` predicts a Gauss–Markov process in white noise.
+        structure: ``pci``, ``fos`` or ``anarx``; ``held`` keeps the mean of each satellite's last
+            residuals, ``decay`` predicts a Gauss–Markov process in white noise.
         inputs: Names of :data:`navlearn.learning.range_residuals.CHANNELS` and of ``HELD`` there;
             ``held`` and ``decay`` have none.
         target: ``residual`` or ``left_out``.
@@ -34,7 +34,8 @@ class RangeErrorOptions:
         most: Most cascades or terms.
         hidden: Hidden units per lag (``anarx``).
         acceptance: ``default`` or ``paper``, of cascades and terms.
-        average_s: Time constant of the mean that ``recent`` is, s.
+        average_s: Time constant of the mean that ``recent`` is and ``held`` holds, s; 0 holds the
+            last residual alone.
         emulated_s: Length of the emulated outages that a model with inputs of ``HELD`` learns
             from, and of the free runs that ``anarx`` does, s.
         fewest_rows: A satellite with fewer targets in the window is left as it is.
@@ -56,7 +57,7 @@ class RangeErrorOptions:
     most: int = 8
     hidden: int = 3
     acceptance: str = "default"
-    average_s: float = 10.0
+    average_s: float = 60.0
     emulated_s: float = 60.0
     fewest_rows: int = 60
     bounds: bool = True
@@ -68,12 +69,17 @@ class RangeErrorOptions:
             raise ConfigError(
                 f"range errors: structure {self.structure!r}; choose one of {', '.join(STRUCTURES)}"
             )
-        for name in ("window_s", "average_s", "emulated_s"):
+        for name in ("window_s", "emulated_s"):
             if not getattr(self, name) >= self.step_s:
                 raise ConfigError(
                     f"range errors: {name} is {getattr(self, name)} s; it must be at least a step "
                     f"of {self.step_s} s"
                 )
+        if not self.average_s >= 0.0 or (self.held_inputs and self.average_s == 0.0):
+            raise ConfigError(
+                f"range errors: average_s is {self.average_s} s; it must not be negative, and the "
+                "input recent is a mean over more than 0 s"
+            )
         if self.structure == "anarx" and self.held_inputs:
             raise ConfigError(
                 f"range errors: anarx feeds its own output back; {', '.join(self.held_inputs)} "

@@ -5,6 +5,7 @@ predictor is what a filter with a state per satellite would do, at the price of 
 estimated from the drive's own past.
 """
 
+import math
 from typing import NamedTuple
 
 import torch
@@ -110,7 +111,7 @@ def recent_mean(target: Tensor, average: float) -> Tensor:
     Returns:
         NaN before a series' first value, shape (n, W).
     """
-    keep = float(torch.exp(torch.tensor(-1.0 / average)))
+    keep = math.exp(-1.0 / average)
     total, weight = torch.zeros_like(target[:, 0]), torch.zeros_like(target[:, 0])
     means = []
     for y in target.unbind(-1):

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 from pydantic import Field, model_validator
 
-from navlearn.recipe.spec_base import Count, Positive, SafeguardSpec, Seed, SpecBase
+from navlearn.recipe.spec_base import Count, NotNegative, Positive, SafeguardSpec, Seed, SpecBase
 
 if TYPE_CHECKING:
     from navlearn.learning.range_error_options import RangeErrorOptions
@@ -22,11 +22,11 @@ OWN: Final[dict[str, dict[str, Any]]] = {
 """What takes the place of the defaults, by structure."""
 
 SAID: Final = {
-    "pci": "parallel cascades learned",
-    "fos": "a polynomial chosen by FOS learned",
-    "anarx": "an ANARX network learned",
-    "held": "was its last residual",
-    "decay": "a decaying Gauss-Markov process leaves",
+    "pci": "parallel cascades learned of each satellite's residual",
+    "fos": "a polynomial chosen by FOS learned of each satellite's residual",
+    "anarx": "an ANARX network learned of each satellite's residual",
+    "held": "each satellite left on average",
+    "decay": "a Gauss-Markov process fitted to each satellite's residual decays to",
 }
 
 
@@ -38,8 +38,8 @@ class RangeErrorSpec(SpecBase):
     Attributes:
         type: Kind of model.
         safeguard: When a correction is trusted.
-        structure: ``pci`` ([Iqbal2020] §IX), ``fos`` or ``anarx``; ``held`` keeps the last
-            residual and ``decay`` predicts a Gauss–Markov process, both without inputs.
+        structure: ``pci`` ([Iqbal2020] §IX), ``fos`` or ``anarx``; ``held`` keeps the mean of the
+            last residuals and ``decay`` predicts a Gauss–Markov process, both without inputs.
         inputs: Names of :data:`navlearn.learning.range_residuals.CHANNELS`, or of ``HELD`` there:
             a model with one of those learns from emulated outages within its window.
         target: ``residual`` against the solution of all satellites, or ``left_out`` against that
@@ -56,7 +56,8 @@ class RangeErrorSpec(SpecBase):
         hidden: Hidden units per lag (``anarx``).
         acceptance: ``paper`` asks of a cascade or term that it takes 4 over the number of rows of
             what is left, ``default`` that it takes more than the best of white noise would.
-        average_s: Time constant of the mean that the input ``recent`` is.
+        average_s: Time constant of the mean that the input ``recent`` is and ``held`` holds; 0
+            holds the last residual alone.
         emulated_s: Length of emulated outages within the window, and of free runs of ``anarx``.
         fewest_rows: A satellite with fewer residuals in the window is left as it is.
         gate_horizon_s: Length of the emulated partial outages that judge the model.
@@ -80,7 +81,7 @@ class RangeErrorSpec(SpecBase):
     most: Count = 8
     hidden: Count = 3
     acceptance: Literal["default", "paper"] = "default"
-    average_s: Positive = 10.0
+    average_s: NotNegative = 60.0
     emulated_s: Positive = 60.0
     fewest_rows: Count = 60
     gate_horizon_s: Positive = 60.0
@@ -133,8 +134,7 @@ class RangeErrorSpec(SpecBase):
     def describe(self) -> str:
         """Return what the method of this model does, in a sentence for the report."""
         return (
-            "`tc_ekf` on ranges less what "
-            f"{SAID[self.structure]} of each satellite's residual over the last "
+            f"`tc_ekf` on ranges less what {SAID[self.structure]} over the last "
             f"{self.window_s:g} s, where fewer than {self.min_satellites} satellites are left"
         )
 

@@ -1,6 +1,7 @@
 """Range-error models against systems that are known, conditional Gaussians and plain loops."""
 
 import math
+from dataclasses import replace
 
 import pytest
 import torch
@@ -161,20 +162,34 @@ def test_held_is_the_last_residual_within_its_bounds() -> None:
     series = series_of(drawn(ROWS, SATELLITES), inputs)
     series.target[ORIGIN - 1, 0] = 50.0
     series.target[ORIGIN - 1, 1] = torch.nan
-    found = predict_range_errors(series, EVERY, RangeErrorOptions(structure="held"))
+    last = RangeErrorOptions(structure="held", average_s=0.0)
+    found = predict_range_errors(series, EVERY, last)
     y = series.target[:ORIGIN, 0]
     assert float(found.error[0, 0]) == pytest.approx(
         float(y.mean() + 3.0 * y.std(correction=0)), rel=1e-6
     )
     assert bool((found.error[:, 1] == series.target[ORIGIN - 2, 1]).all())
-    raw = predict_range_errors(series, EVERY, RangeErrorOptions(structure="held", bounds=False))
+    raw = predict_range_errors(series, EVERY, replace(last, bounds=False))
     assert bool((raw.error[:, 0] == 50.0).all())
+
+
+def test_held_is_the_mean_of_the_last_residuals_where_asked() -> None:
+    series = series_of(drawn(ROWS, SATELLITES), moving())
+    series.target[ORIGIN - 2, 0] = torch.nan
+    options = RangeErrorOptions(structure="held", average_s=20.0, window_s=100.0)
+    found = predict_range_errors(series, EVERY, options)
+    y = series.target[ORIGIN - 100 : ORIGIN, 0]
+    weight = torch.exp(-torch.arange(100).double().flip(0) / 20.0) * torch.isfinite(y)
+    mean = float((weight * y.nan_to_num()).sum() / weight.sum())
+    assert found.error[:, 0].tolist() == pytest.approx([mean] * (ROWS - ORIGIN))
 
 
 def test_emulated_outages_hold_what_was_known_at_their_starts() -> None:
     inputs = moving()
     series = series_of(drawn(ROWS, SATELLITES), inputs)
-    options = RangeErrorOptions(inputs=("cn0", "recent", "delay"), emulated_s=20.0, window_s=100.0)
+    options = RangeErrorOptions(
+        inputs=("cn0", "recent", "delay"), emulated_s=20.0, window_s=100.0, average_s=10.0
+    )
     seen = series._replace(inputs=inputs[..., 1:])
     windows = past_windows(seen, torch.arange(SATELLITES), options)
     cut = emulated_outages(windows, options)
@@ -226,6 +241,8 @@ def test_without_a_past_nothing_is_predicted() -> None:
     [
         ({"structure": "kriging"}, "choose one of"),
         ({"window_s": 0.5}, "at least a step"),
+        ({"average_s": -1.0}, "must not be negative"),
+        ({"inputs": ("recent",), "average_s": 0.0}, "a mean over more than 0 s"),
         ({"structure": "anarx", "inputs": ("recent",)}, "feeds its own output back"),
         ({"structure": "pci", "inputs": ()}, "at least one input"),
         ({"output_lags": 2}, "belong to fos"),
