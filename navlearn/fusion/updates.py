@@ -100,28 +100,21 @@ def measured(
     Returns:
         Innovations of all kinds.
     """
-    told = odometry(model.errors, occasion.end, belief.sensor)
-    scene = _Scene(model, belief, occasion, told, arm_of(model, belief, occasion.end), noise)
-    build: dict[IntEnum, Callable[[_Scene], _Part]] = {
-        Kind.POSITION: _position,
-        Kind.VELOCITY: _velocity,
-        Kind.COURSE: _course,
-        Kind.ZERO_YAW_RATE: _zero_yaw_rate,
-        Kind.ZERO_SPEED: _zero_speed,
-    }
     zero = torch.zeros_like(belief.state.lat)
     present = [zero] * len(Kind)
+    possible = [bool(_possible(model, occasion, kind).any()) for kind in model.rows.kinds]
+    scene = _scene(model, belief, occasion, noise) if any(possible) else None
     # a filter that takes nothing has rows, too: none
     none = zero.new_zeros((*zero.shape, 0))
     innovations, variances = [none], [none]
     observations = [zero.new_zeros((*zero.shape, 0, model.layout.size))]
-    for kind, rows in zip(model.rows.kinds, model.rows.count, strict=True):
-        if not bool(_possible(model, occasion, kind).any()):
+    for kind, rows, here in zip(model.rows.kinds, model.rows.count, possible, strict=True):
+        if scene is None or not here:
             innovations.append(zero.unsqueeze(-1).expand(*zero.shape, rows))
             variances.append(torch.ones_like(innovations[-1]))
             observations.append(zero[..., None, None].expand(*zero.shape, rows, model.layout.size))
             continue
-        part = build[kind](scene)
+        part = _BUILD[kind](scene)
         there = (part.present > 0.5).unsqueeze(-1)
         innovations.append(torch.where(there, part.innovation, 0.0))
         variances.append(torch.where(there, part.variance, 1.0))
@@ -157,6 +150,11 @@ class _Scene(NamedTuple):
     told: Odometry
     arm: LeverArm | None
     noise: EkfNoise
+
+
+def _scene(model: MeasurementModel, belief: Belief, occasion: Occasion, noise: EkfNoise) -> _Scene:
+    told = odometry(model.errors, occasion.end, belief.sensor)
+    return _Scene(model, belief, occasion, told, arm_of(model, belief, occasion.end), noise)
 
 
 def arm_of(model: MeasurementModel, belief: Belief, end: BlockEnd) -> LeverArm | None:
@@ -255,3 +253,12 @@ def _zero_speed(scene: _Scene) -> _Part:
     )
     variance = (noise.zero_speed**2).expand(now.velocity.shape)
     return _Part(-now.velocity, now.by_error, variance, still)
+
+
+_BUILD: dict[IntEnum, Callable[[_Scene], _Part]] = {
+    Kind.POSITION: _position,
+    Kind.VELOCITY: _velocity,
+    Kind.COURSE: _course,
+    Kind.ZERO_YAW_RATE: _zero_yaw_rate,
+    Kind.ZERO_SPEED: _zero_speed,
+}

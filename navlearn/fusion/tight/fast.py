@@ -55,7 +55,8 @@ def run_tight_fast(
     if found is None:
         return None
     record, number = found
-    return tight_history(model, start, line, passes.at_slots(record), noise, "fast", number)
+    packed = (passes.reception, passes.places)
+    return tight_history(model, start, line, packed, record, noise, "fast", number)
 
 
 class _Passes:
@@ -107,17 +108,6 @@ class _Passes:
     def detached(self, begin: TightBelief[Any]) -> TightBelief[Any]:
         """Return the same beliefs without gradients."""
         return map_tight_belief(begin, Tensor.detach)
-
-    def at_slots(self, record: TightEnded) -> TightEnded:
-        """Return a record whose satellites stand at their slots again."""
-        spread, judged = self.places.spread, record.judged
-        return record._replace(
-            innovation=spread(record.innovation, torch.nan),
-            spread=spread(record.spread, torch.nan),
-            judged=judged._replace(
-                nis=spread(judged.nis, torch.nan), verdict=spread(judged.verdict, 0)
-            ),
-        )
 
     def _linear(self, guess: TightBelief[Any]) -> Linear:
         model, reception = self.model, self.reception

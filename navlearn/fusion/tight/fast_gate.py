@@ -87,9 +87,7 @@ def ranges_judged_over_time(
     thought: Hypothesis = map_tree(plain, lambda x: x[odd])
     here = Places(places.slot[odd], places.slots)
     for _ in range(ROUNDS):
-        waited = before[odd]
-        waited = torch.cat((here.packed(waited[..., :-2]), waited[..., -2:]), -1)
-        part = judged_with_patience(some, thought, waited)
+        part = judged_with_patience(some, thought, here.packed_counts(before[odd]))
         new = _with_part(said, part, odd)
         before, counted = _counted(refused, there, believed(new.verdict), places)
         done = torch.equal(new.verdict, said.verdict) and torch.equal(new.reset, said.reset)

@@ -20,6 +20,7 @@ from navlearn.fusion.tight.history import TightHistory
 from navlearn.fusion.tight.model import tight_model
 from navlearn.fusion.tight.noise import TightNoise, log_tight_noise, tight_noise_from_log
 from navlearn.fusion.tight.options import TightEkfOptions
+from navlearn.fusion.tight.packing import packed_reception
 from navlearn.fusion.tight.prediction import predicted_belief, tight_ahead
 from navlearn.fusion.tight.recursion import run_tight_loop
 from navlearn.fusion.tight.start import tight_start
@@ -185,8 +186,9 @@ class TightEkf(nn.Module):
         """
         late = torch.zeros_like(samples.dt[:, 0]) if delay is None else delay
         reception = Reception(usable(self.options, ranges), late, samples.dt.sum(-1))
+        heard, places = packed_reception(reception)
         block = self._block(samples)
-        return updated(self.model, belief, block, reception, self.noise).belief
+        return updated(self.model, belief, block, heard, places, self.noise).belief
 
     def _block(self, samples: RissSample | ImuSample) -> Any:
         """Return a stretch of samples as one block that ends with a reception."""

@@ -56,6 +56,29 @@ class Places(NamedTuple):
         index = self.slot.unsqueeze(-2).expand(halves.shape)
         return torch.scatter(base, -1, index, halves).flatten(-2)
 
+    def packed_counts(self, refused: Tensor) -> Tensor:
+        """Return refusals of slots at places, those of all ranges and all rates behind them.
+
+        Args:
+            refused: As in ``TightBelief``, shape (..., 2 S + 2).
+
+        Returns:
+            Shape (..., 2 P + 2).
+        """
+        return torch.cat((self.packed(refused[..., :-2]), refused[..., -2:]), -1)
+
+    def spread_counts(self, refused: Tensor, before: Tensor) -> Tensor:
+        """Return refusals of places at slots; what has no place keeps its count.
+
+        Args:
+            refused: Shape (..., 2 P + 2).
+            before: Refusals of slots before, shape (..., 2 S + 2).
+
+        Returns:
+            Shape (..., 2 S + 2).
+        """
+        return torch.cat((self.spread(refused[..., :-2], before[..., :-2]), refused[..., -2:]), -1)
+
 
 def _rows(values: Tensor, length: int) -> Tensor:
     return values.reshape(*values.shape[:-1], values.shape[-1] // length, length)

@@ -5,11 +5,13 @@ from typing import Any
 import torch
 
 from navlearn.filters.tight_belief import TightBelief
+from navlearn.fusion.measurements import Verdict
 from navlearn.fusion.tight.history import TightHistory
 from navlearn.fusion.tight.model import TightModel
 from navlearn.fusion.tight.noise import TightNoise
+from navlearn.fusion.tight.packing import Places
 from navlearn.fusion.tight.ranges import measured_ranges
-from navlearn.fusion.tight.timeline import TightLine
+from navlearn.fusion.tight.timeline import Reception, TightLine
 from navlearn.fusion.tight.update import TightEnded
 
 
@@ -17,6 +19,7 @@ def tight_history(
     model: TightModel,
     start: TightBelief[Any],
     line: TightLine,
+    packed: tuple[Reception, Places],
     record: TightEnded,
     noise: TightNoise,
     method: str,
@@ -28,7 +31,8 @@ def tight_history(
         model: The filter.
         start: Belief before the first sample, batch shape (B,).
         line: The drives in blocks.
-        record: Every block's end, batch shape (B, K).
+        packed: Receptions at places, and which satellite stands where, batch shape (B, K).
+        record: Every block's end, batch shape (B, K), satellites at places.
         noise: Noise of ranges.
         method: Form that computed it.
         passes: Passes it took.
@@ -36,12 +40,13 @@ def tight_history(
     Returns:
         History.
     """
-    vehicle, after, reception = model.vehicle, record.belief, line.reception
+    vehicle, after = model.vehicle, record.belief
+    reception, places = packed
     antenna = vehicle.antenna(after.vehicle, vehicle.all_blocks(line.vehicle), reception.delay)
     left = measured_ranges(antenna, after.clock, reception, noise)
-    count = reception.ranges.has_range.shape[-1]
     residual = torch.where(left.present > 0.5, left.innovation, torch.nan)
-    blocks = line.vehicle.blocks
+    record, residual = _at_slots(places, record), places.spread(residual, torch.nan)
+    count, blocks = places.slots, line.vehicle.blocks
     return TightHistory(
         blocks.end,
         blocks.fix,
@@ -60,4 +65,17 @@ def tight_history(
         record.judged.reset.sum(1),
         method,
         passes,
+    )
+
+
+def _at_slots(places: Places, record: TightEnded) -> TightEnded:
+    """Return a record whose satellites stand at their slots again."""
+    judged = record.judged
+    return record._replace(
+        innovation=places.spread(record.innovation, torch.nan),
+        spread=places.spread(record.spread, torch.nan),
+        judged=judged._replace(
+            nis=places.spread(judged.nis, torch.nan),
+            verdict=places.spread(judged.verdict, int(Verdict.ABSENT)),
+        ),
     )

@@ -7,6 +7,7 @@ from navlearn.fusion.recursion import stacked, unstacked
 from navlearn.fusion.tight.history import TightHistory
 from navlearn.fusion.tight.model import TightModel
 from navlearn.fusion.tight.noise import TightNoise
+from navlearn.fusion.tight.packing import Places, packed_reception
 from navlearn.fusion.tight.prediction import predicted_belief, tight_ahead
 from navlearn.fusion.tight.record import tight_history
 from navlearn.fusion.tight.timeline import TightLine
@@ -35,12 +36,15 @@ def run_tight_loop(
         History.
     """
     belief, ends = start, list[TightEnded]()
-    pairs = zip(blocks_in_turn(model.vehicle, line.vehicle), unstacked(line.reception), strict=True)
-    for block, reception in pairs:
+    heard, places = packed_reception(line.reception)
+    blocks = blocks_in_turn(model.vehicle, line.vehicle)
+    stops = zip(blocks, unstacked(heard), places.slot.unbind(1), strict=True)
+    for block, reception, slot in stops:
         ahead = tight_ahead(model, belief, block, reception.elapsed, noise, in_turn=in_turn)
         prior = predicted_belief(ahead, belief.covariance)
-        ended = updated(model, prior, block, reception, noise)
+        ended = updated(model, prior, block, reception, Places(slot, places.slots), noise)
         belief = ended.belief
         ends.append(ended)
     record: TightEnded = stacked(ends)
-    return tight_history(model, start, line, record, noise, "sequential" if in_turn else "exact", 1)
+    method = "sequential" if in_turn else "exact"
+    return tight_history(model, start, line, (heard, places), record, noise, method, 1)

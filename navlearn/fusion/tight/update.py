@@ -13,6 +13,7 @@ from navlearn.fusion.tight.anew import told_by_clock
 from navlearn.fusion.tight.integrity import RangesJudged, judged_ranges
 from navlearn.fusion.tight.model import SURPRISES, TightModel
 from navlearn.fusion.tight.noise import TightNoise
+from navlearn.fusion.tight.packing import Places
 from navlearn.fusion.tight.ranges import measured_ranges, with_surprise
 from navlearn.fusion.tight.timeline import Reception
 from navlearn.fusion.updates import Measured
@@ -46,6 +47,7 @@ def updated(
     prior: TightBelief[Any],
     block: Any,
     reception: Reception,
+    places: Places,
     noise: TightNoise,
 ) -> TightEnded:
     """Update with all that is measured at the end of a block.
@@ -57,17 +59,19 @@ def updated(
         model: The filter.
         prior: Prediction at the block's end, batch shape (...).
         block: The vehicle's side of the block.
-        reception: What was received, batch shape (...).
+        reception: What was received, at places, batch shape (...).
+        places: Which satellite stands where, batch shape (...).
         noise: Noise of ranges.
 
     Returns:
-        The record of this end, errors fed back in its belief.
+        The record of this end, errors fed back in its belief; satellites at places, but refusals
+        in beliefs at slots.
     """
     vehicle = model.vehicle
     antenna = vehicle.antenna(prior.vehicle, block, reception.delay)
     found = measured_ranges(antenna, prior.clock, reception, noise)
     covariance = with_surprise(prior.covariance, antenna)
-    ranges = judged_ranges(model, found, covariance, prior.refused)
+    ranges = judged_ranges(model, found, covariance, places.packed_counts(prior.refused))
     own = vehicle.measured(prior.vehicle, block)
     said = own_judged(model, own, prior, ranges)
     variance = ranges.anew.variance
@@ -82,7 +86,8 @@ def updated(
     belief = fed_back(model, prior, new.correction, ranges.anew.shift, block)
     belief = with_covariance(belief, new.covariance[..., : model.size, : model.size])
     belief = belief._replace(
-        vehicle=belief.vehicle._replace(refused=said.refused), refused=ranges.refused
+        vehicle=belief.vehicle._replace(refused=said.refused),
+        refused=places.spread_counts(ranges.refused, prior.refused),
     )
     there = found.present > 0.5
     spread = (found.observation @ covariance * found.observation).sum(-1) + found.variance
