@@ -31,7 +31,8 @@ def setting(range_drive: Callable[..., Any]) -> tuple[TightEkf, Callable[..., Te
     wild[0, 4:] += 299792.458
     ranges = ranges._replace(has_range=gone, pseudorange=wild)
     timing = FixTiming(*(x[:, :RECEPTIONS] for x in d.timing))
-    noise = RangeNoiseOptions(rate_told_factor=0.0)
+    # multipath that lasts: away from the kink at half a second, where it counts as white
+    noise = RangeNoiseOptions(rate_told_factor=0.0, multipath_time=2.0)
     options = TightEkfOptions(range_noise=noise)
     ekf = TightEkf(RissVehicle(d.options), options, systems=2)
 

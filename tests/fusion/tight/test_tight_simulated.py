@@ -124,8 +124,8 @@ def test_a_full_imu_knows_how_far_off_it_is() -> None:
 
 
 def test_the_full_imu_sample_by_sample() -> None:
-    _, _, exact = driven(11, 60.0, "exact")
-    _, _, slow = driven(11, 60.0, "sequential")
+    _, _, exact = driven(11, 50.0, "exact")
+    _, _, slow = driven(11, 50.0, "sequential")
     one, two = exact.history, slow.history
     assert (one.method, two.method) == ("exact", "sequential")
     apart = enu_between(*one.trajectory[:3], *two.trajectory[:3])
@@ -138,7 +138,7 @@ def test_the_full_imu_sample_by_sample() -> None:
 
 def test_ranges_vouch_for_the_cars_own_kinds() -> None:
     """A lying odometer is refused for good while ranges tell position; without any it resets."""
-    _, line, series = simulated(11, 60.0)
+    _, line, series = simulated(11, 50.0)
     options = InsEkfOptions()
     samples = line.samples
     moving = samples.speed > 2.0
