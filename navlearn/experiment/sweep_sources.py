@@ -1,9 +1,11 @@
 """What the drives of a sweep are made of, looked at before anything is run."""
 
 from navlearn.errors import ConfigError, LogError
+from navlearn.experiment.drive import with_fixes
 from navlearn.experiment.sensors_needed import check_sensors
 from navlearn.experiment.sweep_drives import real_drive
 from navlearn.outages.placement import place_outages
+from navlearn.outages.schedule import UNSCORED
 from navlearn.outages.store import log_fingerprint
 from navlearn.recipe.sweep import SweepRecipe
 from navlearn.recipe.swept_drives import DegradedDrives, RecordedDrives
@@ -14,13 +16,14 @@ length of outages; a drive into which no outage of a length fits is not there.""
 
 
 def sources_of(recipe: SweepRecipe) -> tuple[Sources, tuple[str, ...]]:
-    """Return what a sweep's drives are made of, and which of them are left out.
+    """Return what a sweep's drives are made of, and what of them is left out.
 
     Args:
         recipe: The sweep.
 
     Returns:
-        The sources, and a sentence for every real drive that is left out at some length.
+        The sources; and a sentence for every real drive that is left out at some length, and for
+        every outage of one that was placed but cannot be scored.
 
     Raises:
         LogNotFoundError: A real drive does not exist.
@@ -35,7 +38,7 @@ def sources_of(recipe: SweepRecipe) -> tuple[Sources, tuple[str, ...]]:
 
 
 def _recorded(recipe: SweepRecipe, sweep: RecordedDrives) -> tuple[Sources, tuple[str, ...]]:
-    sources, left_out, names = Sources(), list[str](), list[str]()
+    sources, left_out, names, unscored = Sources(), list[str](), list[str](), list[str]()
     for number in sweep.seeds:
         log = real_drive(recipe, number)
         check_sensors(recipe.for_drive(log.metadata.name, sweep.durations_s[0]), log)
@@ -46,13 +49,20 @@ def _recorded(recipe: SweepRecipe, sweep: RecordedDrives) -> tuple[Sources, tupl
             )
         names.append(log.metadata.name)
         source = log_fingerprint(log)
+        drive = with_fixes(log)
         for span in sweep.durations_s:
             try:
-                place_outages(recipe.for_drive("real", span).outages.protocol(), log)
+                placed = place_outages(recipe.for_drive("real", span).outages.protocol(), drive)
             except LogError as problem:
                 left_out.append(f"{span:g} s, {problem}")
             else:
                 sources[number, span] = source
+                unscored += [
+                    f"{log.metadata.name}, {one.start:.0f} to {one.end:.0f} s: {one.reason}"
+                    for one in placed.excluded
+                    if one.reason.startswith(UNSCORED)
+                ]
     if not sources:
         raise LogError("no outage fits into any of the drives: " + "; ".join(left_out))
-    return sources, tuple(left_out)
+    told = (f"left out, because no outage fits: {one}" for one in left_out)
+    return sources, (*told, *unscored)

@@ -10,6 +10,7 @@ from navlearn.experiment.sweep_drives import gyro_class
 from navlearn.experiment.sweep_jobs import CPU, Failure
 from navlearn.logs.synthetic.grades import find_grade
 from navlearn.logs.synthetic.jaradat2017 import GRADE as SCENARIO_GRADE
+from navlearn.outages.cells import KEYS
 from navlearn.outages.naming import counted
 from navlearn.outages.run_summary import MethodSummary
 from navlearn.outages.sweep_summary import SweepCell, SweepSummary
@@ -31,7 +32,7 @@ def sweep_summary(
         recipe: The sweep.
         rows: Rows of all drives that could be run.
         failures: What could not.
-        left_out: Drives into which no outage of some length fits, a sentence each.
+        left_out: What of real drives is left out, a sentence each.
     """
     sweep = recipe.sweep
     return SweepSummary(
@@ -53,16 +54,16 @@ def sweep_summary(
         setup=(
             f"outages: {recipe.outages.count} per drive and length, placed by "
             f"`{recipe.outages.placement}`, none before {recipe.outages.warm_up_s:g} s",
-            *_satellites(recipe),
+            *_satellites(recipe, rows),
             *filter_and_training(recipe.for_drive("any", sweep.durations_s[0])),
             *_filters_of_grades(recipe),
             *_clocks(recipe),
-            *(f"left out, because no outage fits: {one}" for one in left_out),
+            *left_out,
         ),
     )
 
 
-def _satellites(recipe: SweepRecipe) -> tuple[str, ...]:
+def _satellites(recipe: SweepRecipe, rows: pd.DataFrame) -> tuple[str, ...]:
     """Return by which rule satellites stay, nothing where none does."""
     most, rules = max(recipe.sweep.satellites), recipe.outages
     if most == 0:
@@ -71,7 +72,16 @@ def _satellites(recipe: SweepRecipe) -> tuple[str, ...]:
         f"satellites: those that stay are chosen by `{rules.visible}` among those in the last "
         f"reception before an outage that stand {rules.min_elevation_deg:g}° high or more and are "
         f"in at least {100.0 * rules.min_tracked:g} % of the receptions through it; scored are the "
-        f"outages in which {most} could stay, the same ones for every number",
+        f"outages in which {most} could stay, the same ones for every number: {_scored(rows)}",
+    )
+
+
+def _scored(rows: pd.DataFrame) -> str:
+    """Return how many outages there are, by class and length."""
+    outages = rows.drop_duplicates([*KEYS[:2], "drive", "outage"])
+    return ", ".join(
+        f"{len(part)} of {span:g} s in {gyro}"
+        for (gyro, span), part in outages.groupby(list(KEYS[:2]), sort=False)
     )
 
 

@@ -13,7 +13,7 @@ import pandas as pd
 from navlearn.errors import LogError
 from navlearn.logs.drive_log import DriveLog
 from navlearn.outages.receptions import Receptions, receptions_of
-from navlearn.outages.schedule import Exclusion, Outage, OutageProtocol
+from navlearn.outages.schedule import UNSCORED, Exclusion, Outage, OutageProtocol
 from navlearn.outages.sky import sky_at
 from navlearn.outages.track import Track
 from navlearn.outages.visible import chosen
@@ -46,7 +46,7 @@ def with_satellites(
     for outage in outages:
         found = _visible(protocol, ranges, track, received, outage, needed)
         if isinstance(found, str):
-            reason = f"outage not scored: {found}; {needed} are needed"
+            reason = f"{UNSCORED}{found}; {needed} are needed"
             excluded.append(Exclusion(outage.start, outage.end, reason))
             continue
         kept.append(replace(outage, satellites_visible=found))

@@ -14,7 +14,14 @@ from navlearn.outages.dynamics import STANDSTILL_SPEED, classify_windows, over_w
 from navlearn.outages.partial import ranges_needed, with_satellites
 from navlearn.outages.quality import bad_reference, gaps, within_any
 from navlearn.outages.receptions import GOOD_SATELLITES, receptions_of
-from navlearn.outages.schedule import Exclusion, Outage, OutageProtocol, Placement, refuse_overlaps
+from navlearn.outages.schedule import (
+    UNSCORED,
+    Exclusion,
+    Outage,
+    OutageProtocol,
+    Placement,
+    refuse_overlaps,
+)
 from navlearn.outages.track import Array, Track, driven, stood, track_of
 
 GRID = 1.0
@@ -83,7 +90,7 @@ def _listed(
     for outage in asked:
         reasons = [b.reason for b in bad if outage.start < b.end and outage.end > b.start]
         if reasons:
-            excluded.append(Exclusion(outage.start, outage.end, "outage not scored: " + reasons[0]))
+            excluded.append(Exclusion(outage.start, outage.end, UNSCORED + reasons[0]))
         else:
             kept.append(outage)
     return tuple(kept), excluded

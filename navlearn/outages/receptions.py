@@ -38,17 +38,19 @@ class Receptions:
     def share(self, start: float, end: float) -> Array:
         """Return among which share of the receptions of a stretch each satellite is.
 
+        Receptions that are missing altogether count: there should be one every median interval.
+
         Args:
             start: First time, s.
             end: Last time, s.
 
         Returns:
-            Shares, shape (S,); zero where nothing is received at all.
+            Shares, shape (S,).
         """
         within = self.received[(self.t >= start) & (self.t <= end)]
-        if len(within) == 0:
-            return np.zeros(len(self.names))
-        return np.asarray(within.mean(axis=0), dtype=np.float64)
+        usual = float(np.median(np.diff(self.t))) if self.t.size > 1 else end - start
+        should_be = max(len(within), (end - start) / usual, 1.0)
+        return np.asarray(within.sum(axis=0) / should_be, dtype=np.float64)
 
     def good_times(self, satellites: int = GOOD_SATELLITES) -> Array:
         """Return the times of receptions of at least so many satellites, s.

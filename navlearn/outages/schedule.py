@@ -9,6 +9,9 @@ from navlearn.errors import ConfigError
 
 PLACEMENTS = ("spread", "listed", "random", "by_dynamics")
 DYNAMICS = ("straight", "turn", "stop", "motorway", "hill")
+UNSCORED = "outage not scored: "
+"""How the reason begins why an outage that was placed is left out."""
+
 VISIBLE = ("highest", "best_geometry", "worst_geometry", "random", "listed")
 
 

@@ -144,6 +144,7 @@ def test_one_recorded_drive_is_judged_by_outage(drive: Path, tmp_path: Path) -> 
     assert "a paired bootstrap drawn by outage" in report
     assert "### recorded, 20 s, 1 satellite\n" in report
     assert "in at least 90 % of the receptions through it; scored are the outages" in report
+    assert "the same ones for every number: 2 of 20 s in recorded\n" in report
     by_number = pd.read_csv(found.folder / "satellites.csv")
     assert set(by_number["drawn_by"]) == {"outage"}
     assert by_number["satellites"].tolist()[::4] == [3, 1, 0]

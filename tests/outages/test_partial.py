@@ -122,6 +122,17 @@ def test_a_silent_receiver_before_the_outage_excludes_it(
     assert "nothing is received within 3.5 s before it" in found.excluded[0].reason
 
 
+def test_receptions_that_are_missing_altogether_count_as_lost(
+    plain: DriveLog, with_ranges: WithRanges
+) -> None:
+    # Nothing at all from 320 to 327 s: eight of 61 receptions, though none without a satellite.
+    drive = with_ranges(plain, lambda name, t: (t >= 320.0) & (t <= 327.0))
+    found = placed(drive, placement="listed", times=(300.0, 400.0), satellites=1)
+    assert [outage.start for outage in found.outages] == [400.0]
+    rules = {"placement": "listed", "times": (300.0,), "satellites": 1}
+    assert len(placed(drive, **rules, min_tracked=0.88).outages) == 1
+
+
 def test_listed_satellites_stay_or_the_outage_is_excluded(
     log: DriveLog, plain: DriveLog, with_ranges: WithRanges
 ) -> None:
