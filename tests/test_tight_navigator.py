@@ -69,9 +69,13 @@ def case(kind: str) -> Case:
 @lru_cache(maxsize=4)
 def ran(kind: str) -> tuple[TightNavigator, TightNavigatorRun]:
     line, series, vehicle = case(kind)
-    navigator = TightNavigator(TightNavigatorOptions(vehicle=vehicle, method="exact"))
+    navigator = TightNavigator(TightNavigatorOptions(vehicle=vehicle))
     job = (line.samples, line.fixes, line.timing, series.ranges, series.timing)
     return navigator, navigator.run(*job, systems=len(series.systems))
+
+
+def in_turn(kind: str) -> TightNavigator:
+    return TightNavigator(TightNavigatorOptions(vehicle=case(kind).vehicle, method="exact"))
 
 
 def horizontal(run: TightNavigatorRun, t: Tensor) -> Tensor:
@@ -88,6 +92,7 @@ def horizontal(run: TightNavigatorRun, t: Tensor) -> Tensor:
 def test_it_starts_itself_and_follows_the_car(kind: str) -> None:
     it = case(kind)
     _, run = ran(kind)
+    assert run.history.method == "fast"
     assert run.first == run.alignment.sample + 1
     assert run.samples.dt.shape[-1] == it.line.t.shape[-1] - run.first
     assert run.history.trajectory.lat.shape == run.samples.dt.shape
@@ -115,7 +120,7 @@ def test_the_loosely_coupled_navigator_aligns_alike() -> None:
 def test_without_satellites_it_is_the_loosely_coupled_filter(kind: str) -> None:
     """From one belief on, with none left, both predict, stand still and listen to wheels alike."""
     it = case(kind)
-    navigator, run = ran(kind)
+    navigator, run = in_turn(kind), ran(kind)[1]
     block = int(torch.nonzero(run.history.reception >= 0)[-25])
     gone = int(run.history.end[block]) + 1
     samples: Any = type(run.samples)(*(channel[gone:] for channel in run.samples))
@@ -171,9 +176,11 @@ def test_filtering_on_from_a_belief_is_the_run_itself() -> None:
     later = told_from(it.series.ranges, it.series.timing, run.first + gone)
     again: TightHistory = navigator.filter_on(tight_belief_at(run.history, block), samples, *later)
     torch.testing.assert_close(
-        again.trajectory.lat, run.history.trajectory.lat[gone:], rtol=0.0, atol=1e-13
+        again.trajectory.lat, run.history.trajectory.lat[gone:], rtol=0.0, atol=1e-11
     )
-    torch.testing.assert_close(again.belief.clock, run.history.belief.clock[block + 1 :])
+    torch.testing.assert_close(
+        again.belief.clock, run.history.belief.clock[block + 1 :], rtol=0.0, atol=1e-4
+    )
 
 
 def test_it_says_when_the_car_never_drove() -> None:
