@@ -5,10 +5,12 @@ that gyro and odometer tell keeps its shape, so it is laid onto the positions of
 further and further, until its azimuth is known well enough to start a filter.
 """
 
+import math
+
 import torch
 from torch import Tensor
 
-from navlearn import frames, wgs84
+from navlearn import earth, wgs84
 from navlearn.errors import LogError
 from navlearn.mechanization.alignment import (
     Alignment,
@@ -136,9 +138,13 @@ def _positions(
     origin: tuple[Tensor, Tensor, Tensor],
 ) -> Positions:
     time = (clock[timing.index[used]] - timing.delay[used]).clamp(min=0.0)
-    east, north, _ = frames.enu_between(
-        fixes.lat[used], fixes.lon[used], origin[2].expand(len(used)), *origin
-    )
+    lat, lon, _ = origin
+    by_lat, by_lon = _metres_per_radian(origin)
+    around = fixes.lon[used] - lon
+    around = around - torch.round(around * (0.5 / math.pi)) * (2.0 * math.pi)
+    # meridians converge: the mean of both latitudes counts
+    narrowing = torch.cos(0.5 * (fixes.lat[used] + lat)) / torch.cos(lat)
+    east, north = around * by_lon * narrowing, (fixes.lat[used] - lat) * by_lat
     sigma = torch.sqrt(0.5 * (fixes.std_e[used] ** 2 + fixes.std_n[used] ** 2))
     return Positions(time, east, north, sigma)
 
@@ -150,9 +156,8 @@ def _alignment(
     end: int,
     origin: tuple[Tensor, Tensor, Tensor],
 ) -> Alignment:
-    lat, lon, height = frames.shift_geodetic(
-        *origin, found.east, found.north, torch.zeros_like(found.east)
-    )
+    by_lat, by_lon = _metres_per_radian(origin)
+    lat, lon, height = origin[0] + found.north / by_lat, origin[1] + found.east / by_lon, origin[2]
     deviation = found.covariance.diagonal().sqrt()
     # What all positions have in common, such as what is left of the ionosphere, does not average.
     common = float(torch.maximum(fixes.std_e[used], fixes.std_n[used]).median())
@@ -166,3 +171,10 @@ def _alignment(
         gyro_bias=float(found.gyro_bias),
         gyro_bias_sigma=float(deviation[3]),
     )
+
+
+def _metres_per_radian(origin: tuple[Tensor, Tensor, Tensor]) -> tuple[Tensor, Tensor]:
+    """Return how far a radian of latitude and one of longitude lead around a place, m."""
+    lat, _, height = origin
+    around = (earth.prime_vertical_radius(lat) + height) * torch.cos(lat)
+    return earth.meridian_radius(lat) + height, around
