@@ -40,12 +40,14 @@ def agreement(innovation: Tensor, spread: Tensor, there: Tensor, limit: float) -
         limit: Largest square that passes; infinite lets everything pass.
 
     Returns:
-        Agreement.
+        Agreement; where a spread is no covariance nothing agrees, with infinite squares.
     """
-    factor = torch.linalg.cholesky_ex(spread)[0]
-    J = torch.cholesky_inverse(factor)
+    factor, wrong = torch.linalg.cholesky_ex(spread)
+    sound = (wrong == 0).unsqueeze(-1)
+    unit = torch.eye(spread.shape[-1], dtype=spread.dtype, device=spread.device)
+    J = torch.cholesky_inverse(torch.where(sound.unsqueeze(-1), factor, unit))
     u = (J @ innovation.unsqueeze(-1)).squeeze(-1)
-    accepted, gone = there, torch.zeros_like(innovation)
+    accepted, gone = there & sound, torch.where(there & ~sound, torch.inf, 0.0 * innovation)
     for _ in range(innovation.shape[-1]):
         square = _squares(J, u, accepted)
         # not a number is beyond every limit

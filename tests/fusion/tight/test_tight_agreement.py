@@ -103,3 +103,14 @@ def test_an_open_gate_passes_everything() -> None:
     there = torch.ones(5, dtype=torch.bool)
     found = agreement(torch.full((5,), 1e6).double(), S, there, float("inf"))
     assert bool(found.accepted.all())
+
+
+def test_nothing_agrees_with_what_is_no_covariance() -> None:
+    S = torch.stack([spread_of(1, 4, 1.0), -spread_of(1, 4, 1.0), 0.0 * spread_of(1, 4, 1.0)])
+    S = torch.cat((S, torch.full((1, 4, 4), torch.nan).double()))
+    found = agreement(
+        torch.full((4, 4), 0.1).double(), S, torch.ones(4, 4, dtype=torch.bool), LIMIT
+    )
+    assert found.accepted.all(-1).tolist() == [True, False, False, False]
+    assert found.accepted.any(-1).tolist() == [True, False, False, False]
+    assert bool((found.square[1:] == torch.inf).all())
