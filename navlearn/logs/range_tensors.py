@@ -7,14 +7,13 @@ system comes first, depends on the whole table.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 import torch
 from torch import Tensor
 
-from navlearn.errors import ConfigError, LogError
+from navlearn.errors import LogError
 from navlearn.gnss.earth_rotation import in_axes_of_reception
 from navlearn.gnss.sight import sight
 from navlearn.logs.clock import without_latency
@@ -22,39 +21,11 @@ from navlearn.logs.coarse_positions import Coarse, coarse_from_fixes, coarse_fro
 from navlearn.logs.drive_log import DriveLog, LogMetadata
 from navlearn.logs.fix_tensors import placed_on_grid
 from navlearn.logs.interval_means import FloatArray
-from navlearn.logs.range_checks import CONSTELLATIONS
 from navlearn.logs.range_corrections import IN_LOG, delays, turned_to_reception
+from navlearn.logs.range_layout import DenseRanges, RangeOptions, laid_out
 from navlearn.states import FixTiming, SatelliteRanges
 
 Near = tuple[float, float, float] | pd.DataFrame
-
-
-@dataclass(frozen=True, kw_only=True)
-class RangeOptions:
-    """Which ranges are used.
-
-    Attributes:
-        systems: RINEX letters of the constellations used, such as ``GE``; None for all.
-        least_elevation: Elevation below which a satellite is not used, rad.
-        least_cn0: Carrier-to-noise density below which it is not used, dB-Hz.
-        without: Satellites left out, such as ``("G07",)``.
-        unknown_cn0: Carrier-to-noise density where the log tells none, dB-Hz.
-    """
-
-    systems: str | None = None
-    least_elevation: float = np.deg2rad(5.0)
-    least_cn0: float = 0.0
-    without: tuple[str, ...] = ()
-    unknown_cn0: float = 45.0
-
-    def __post_init__(self) -> None:
-        """Refuse what is no constellation."""
-        wrong = sorted(set(self.systems or "") - set(CONSTELLATIONS))
-        if wrong or self.systems == "":
-            raise ConfigError(
-                f"systems: found {self.systems!r}; expected RINEX letters of {CONSTELLATIONS}, "
-                "such as GE, or None for all"
-            )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,17 +48,6 @@ class RangeSeries:
     timing: FixTiming
     t: Tensor
     corrections: Mapping[str, str]
-
-
-class _Dense(NamedTuple):
-    t: FloatArray
-    columns: dict[str, Tensor]
-    heard: Tensor
-
-    def triad(self, prefix: str) -> Tensor:
-        """Return three columns as vectors, zero where there is none, shape (M, S, 3)."""
-        axes = [self.columns.get(f"{prefix}{axis}", torch.zeros_like(self.heard)) for axis in "xyz"]
-        return torch.stack(axes, dim=-1).nan_to_num(0.0)
 
 
 def ranges_of(
@@ -146,7 +106,7 @@ def ranges_from_table(
         LogError: Satellite clocks have not been taken off and are not told.
     """
     chosen = options or RangeOptions()
-    satellites, systems, dense = _laid_out(table, chosen)
+    satellites, systems, dense = laid_out(table, chosen)
     system = torch.tensor([systems.index(name[0]) for name in satellites], dtype=torch.int64)
     pseudorange, rate, sources = _clocks_off(dense, metadata)
     rotated = "earth_rotation" in metadata.range_corrections
@@ -160,7 +120,7 @@ def ranges_from_table(
     letters = tuple(name[0] for name in satellites)
     t = torch.from_numpy(dense.t)
     late = delays(dense.columns, metadata, t, place, seen, letters)
-    cn0 = _told(dense, "cn0", chosen.unknown_cn0)
+    cn0 = dense.told("cn0", chosen.unknown_cn0)
     used = heard * known.unsqueeze(-1)
     used = used * (seen.elevation >= chosen.least_elevation) * (cn0 >= chosen.least_cn0)
     moving = (velocity != 0.0).any(-1) * rate.isfinite()
@@ -173,8 +133,8 @@ def ranges_from_table(
         rate.nan_to_num(0.0),
         seen.elevation,
         cn0,
-        _told(dense, "std_range", 0.0),
-        _told(dense, "std_rate", 0.0),
+        dense.told("std_range", 0.0),
+        dense.told("std_rate", 0.0),
         system,
         used,
         used * moving,
@@ -193,37 +153,7 @@ def ranges_from_table(
     )
 
 
-def _laid_out(
-    table: pd.DataFrame, options: RangeOptions
-) -> tuple[tuple[str, ...], tuple[str, ...], _Dense]:
-    """Return satellites, systems, and the columns with a row per reception."""
-    name = table["satellite"].astype("str")
-    wanted = ~name.isin(options.without)
-    if options.systems is not None:
-        wanted &= name.str[0].isin(list(options.systems))
-    table, name = table[wanted], name[wanted]
-    satellites = tuple(sorted(name.unique(), key=lambda text: (text[0], int(text[1:]))))
-    rows = name.str[0].value_counts()
-    systems = tuple(sorted(rows.index, key=lambda letter: (-int(rows[letter]), letter)))
-    t, row = np.unique(table["t"].to_numpy(np.float64), return_inverse=True)
-    slot = name.map({text: k for k, text in enumerate(satellites)}).to_numpy(np.int64)
-
-    def spread(values: FloatArray) -> Tensor:
-        cells = np.full((t.size, len(satellites)), np.nan)
-        cells[row, slot] = values
-        return torch.from_numpy(cells)
-
-    columns = {
-        str(column): spread(table[column].to_numpy(np.float64))
-        for column in table
-        if column not in ("t", "satellite")
-    }
-    heard = torch.zeros(t.size, len(satellites), dtype=torch.float64)
-    heard[torch.tensor(row), torch.tensor(slot)] = 1.0
-    return satellites, systems, _Dense(t, columns, heard)
-
-
-def _clocks_off(dense: _Dense, metadata: LogMetadata) -> tuple[Tensor, Tensor, dict[str, str]]:
+def _clocks_off(dense: DenseRanges, metadata: LogMetadata) -> tuple[Tensor, Tensor, dict[str, str]]:
     """Return pseudoranges and range rates free of the satellites' clocks."""
     pseudorange = dense.columns["pseudorange"]
     rate = dense.columns.get("range_rate", torch.full_like(pseudorange, torch.nan))
@@ -268,11 +198,3 @@ def _fixes_first(fixes: Coarse, solved: Coarse) -> Coarse:
     return Coarse(
         *(np.concatenate((part[before], own)) for part, own in zip(solved, fixes, strict=True))
     )
-
-
-def _told(dense: _Dense, name: str, unknown: float) -> Tensor:
-    """Return a column, with a value where the log tells none."""
-    values = dense.columns.get(name)
-    if values is None:
-        return torch.full_like(dense.heard, unknown)
-    return values.nan_to_num(unknown)

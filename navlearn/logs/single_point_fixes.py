@@ -16,7 +16,8 @@ from navlearn.gnss.range_rate_velocity import RangeRateVelocity, range_rate_velo
 from navlearn.gnss.single_point import SinglePoint, single_point
 from navlearn.gnss.single_point_options import SinglePointOptions
 from navlearn.logs.drive_log import DriveLog
-from navlearn.logs.range_tensors import RangeOptions, RangeSeries, ranges_from_table
+from navlearn.logs.range_layout import RangeOptions
+from navlearn.logs.range_tensors import RangeSeries, ranges_from_table
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,7 +10,8 @@ import torch
 from navlearn.errors import ConfigError, LogError
 from navlearn.logs.drive_log import LogMetadata
 from navlearn.logs.range_checks import checked_ranges
-from navlearn.logs.range_tensors import RangeOptions, ranges_from_table
+from navlearn.logs.range_layout import RangeOptions
+from navlearn.logs.range_tensors import ranges_from_table
 
 EDGES = np.arange(601) / 10.0
 LAT, LON, HEIGHT = math.radians(52.5), math.radians(13.4), 80.0

@@ -17,7 +17,8 @@ from navlearn import frames
 from navlearn.gnss.single_point import single_point
 from navlearn.logs.drive_log import DriveLog
 from navlearn.logs.formats.rinex_observations import read_observations
-from navlearn.logs.range_tensors import RangeOptions, ranges_of
+from navlearn.logs.range_layout import RangeOptions
+from navlearn.logs.range_tensors import ranges_of
 from navlearn.logs.reading import read_log
 
 ROOT = Path(__file__).resolve().parents[2]

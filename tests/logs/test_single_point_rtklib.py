@@ -15,7 +15,7 @@ from navlearn.frames import ecef_from_geodetic, enu_from_ecef_matrix, geodetic_f
 from navlearn.gnss.range_noise import RangeNoiseOptions
 from navlearn.gnss.single_point_options import SinglePointOptions
 from navlearn.logs.drive_log import DriveLog
-from navlearn.logs.range_tensors import RangeOptions
+from navlearn.logs.range_layout import RangeOptions
 from navlearn.logs.reading import read_log
 from navlearn.logs.single_point_fixes import SinglePointFixOptions, solve_receptions
 
