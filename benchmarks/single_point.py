@@ -35,7 +35,8 @@ from navlearn.gnss.single_point import single_point
 from navlearn.gnss.single_point_options import SinglePointOptions
 from navlearn.logs.drive_log import DriveLog
 from navlearn.logs.quality.accuracy import errors_against
-from navlearn.logs.range_tensors import RangeOptions, RangeSeries
+from navlearn.logs.range_layout import RangeOptions
+from navlearn.logs.range_tensors import RangeSeries
 from navlearn.logs.reading import read_log
 from navlearn.logs.single_point_fixes import (
     ReceptionSolutions,

@@ -27,7 +27,8 @@ from navlearn.fusion.options import EkfOptions
 from navlearn.fusion.tight.history import TightHistory
 from navlearn.ins_navigator import InsNavigator, InsNavigatorOptions
 from navlearn.logs.imu_timeline import imu_timeline
-from navlearn.logs.range_tensors import RangeOptions, ranges_of
+from navlearn.logs.range_layout import RangeOptions
+from navlearn.logs.range_tensors import ranges_of
 from navlearn.logs.resample import riss_timeline
 from navlearn.logs.synthetic import simulate_drive
 from navlearn.logs.synthetic.satellite_options import SatelliteOptions
