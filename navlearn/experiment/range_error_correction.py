@@ -20,14 +20,11 @@ class Corrected(NamedTuple):
         ranges: Receptions, shape (M, S) each.
         correction: What was taken off, m, shape (M, S).
         errors: The model's prediction.
-        example: Inputs that were seen through the outage, of the first satellite known, shape
-            (H, m).
     """
 
     ranges: SatelliteRanges
     correction: Tensor
     errors: RangeErrors
-    example: Tensor
 
 
 def corrected(
@@ -62,10 +59,5 @@ def corrected(
     rows = series.row[len(before.t) :] - series.origin
     correction = torch.zeros_like(ranges.pseudorange)
     correction[after.reception] = errors.error[rows]
-    first = int(torch.nonzero(errors.known)[0])
-    return Corrected(
-        ranges._replace(pseudorange=ranges.pseudorange - correction),
-        correction,
-        errors,
-        series.inputs[series.origin :, first],
-    )
+    less = ranges._replace(pseudorange=ranges.pseudorange - correction)
+    return Corrected(less, correction, errors)

@@ -92,11 +92,14 @@ class RangeErrorMethod:
     def _kept(self, found: Corrected, verdict: GateVerdict, names: tuple[str, ...]) -> None:
         if self.keep is None:
             return
-        known = [name for name, k in zip(names, found.errors.known.tolist(), strict=True) if k]
+        taught = [name for name, k in zip(names, found.errors.taught.tolist(), strict=True) if k]
         for k, fitted in enumerate(found.errors.fitted):
-            own = "" if self.spec.shared else f"_{known[k]}"
+            own = "" if self.spec.shared else f"_{taught[k]}"
             learned = Learned(
-                fitted=fitted, verdict=verdict, example=found.example, trial=fitted.record
+                fitted=fitted,
+                verdict=verdict,
+                example=found.errors.inputs[k],
+                trial=fitted.record,
             )
             self.keep(f"{self.spec.name}{own}", learned)
 

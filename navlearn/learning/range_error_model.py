@@ -20,7 +20,7 @@ from navlearn.learning.range_level import (
     recent_mean,
 )
 from navlearn.learning.range_residuals import CHANNELS, HELD, ResidualSeries
-from navlearn.learning.range_windows import RangeWindows, past_windows
+from navlearn.learning.range_windows import RangeWindows, inputs_ahead, past_windows
 
 
 class RangeErrors(NamedTuple):
@@ -30,15 +30,20 @@ class RangeErrors(NamedTuple):
         error: To be taken off the pseudorange, m, zero where nothing is predicted, shape (H, S).
         variance: Of what remains, m², zero where nothing is predicted, shape (H, S).
         known: Satellites that something was predicted for, bool, shape (S,).
-        fitted: The models, one per satellite known, or one of all; none of ``held`` and ``decay``.
-        outside: Inputs ahead that left their training range.
+        taught: Satellites that were learned from, bool, shape (S,).
+        fitted: The models, one per satellite taught, or one of all; none of ``held`` and ``decay``.
+        outside: Rows ahead in which an input left its training range.
+        inputs: What each model ran on through the outage, shape (n, H, m); of a model of all
+            satellites what it ran on for each.
     """
 
     error: Tensor
     variance: Tensor
     known: Tensor
+    taught: Tensor
     fitted: tuple[FittedErrorModel, ...]
     outside: int
+    inputs: Tensor
 
 
 @torch.no_grad()
@@ -83,8 +88,10 @@ def predict_range_errors(
         error=torch.where(known, error, 0.0),
         variance=torch.where(known, variance, 0.0),
         known=known,
+        taught=taught,
         fitted=found.fitted,
         outside=found.outside,
+        inputs=inputs_ahead(windows, options) if options.held_inputs else windows.ahead,
     )
 
 

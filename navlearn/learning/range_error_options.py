@@ -128,7 +128,7 @@ class RangeErrorOptions:
         return FosOptions(
             lags=self.lags,
             output_lags=self.output_lags,
-            degree=min(self.degree, 2),
+            degree=self.degree,
             max_terms=self.most,
             acceptance=self.acceptance,
             safeguard=self.bounds,

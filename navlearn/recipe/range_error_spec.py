@@ -13,11 +13,11 @@ MARGIN: Final = 0.05
 """Least improvement that the gate asks for."""
 
 OWN: Final[dict[str, dict[str, Any]]] = {
-    "pci": {"inputs": ("elevation", "cn0"), "lags": 4},
-    "fos": {"inputs": ("elevation", "cn0"), "lags": 1, "output_lags": 2},
-    "anarx": {"inputs": ("elevation", "cn0"), "lags": 2},
-    "held": {"inputs": ()},
-    "decay": {"inputs": ()},
+    "pci": {"lags": 4, "window_s": 900.0},
+    "fos": {"lags": 1, "output_lags": 2},
+    "anarx": {"lags": 2},
+    "held": {"inputs": (), "average_s": 300.0, "window_s": 900.0},
+    "decay": {"inputs": (), "window_s": 900.0},
 }
 """What takes the place of the defaults, by structure."""
 

@@ -60,6 +60,7 @@ BUILT_IN: Final[dict[str, SpecBase]] = {
             name="iqbal2020_range",
             structure="pci",
             inputs=("predicted_range",),
+            window_s=300.0,
             lags=10,
             degree=3,
             acceptance="paper",
