@@ -9,6 +9,9 @@ from navlearn.fusion.tight.clock import BIAS, DRIFT
 from navlearn.fusion.tight.model import SURPRISES, TightModel
 from navlearn.fusion.updates import Measured
 
+FARTHEST = 3e4
+"""Largest deviation with which a position begins anew, m: farther off ranges are not linear."""
+
 TILT = 0.05
 """Deviation added to tilt where position begins anew, in parts of what is added to azimuth."""
 
@@ -158,7 +161,7 @@ def _variance(model: TightModel, flags: Flags, off: Tensor) -> Tensor:
             motion[k] = turn
         elif name in ("phi_east", "phi_north"):
             motion[k] = TILT * turn
-    far = torch.clamp(3.0 * off, min=gate.anew_position).unsqueeze(-1)
+    far = torch.clamp(3.0 * off, max=FARTHEST).clamp(min=gate.anew_position).unsqueeze(-1)
     placed = far * off.new_tensor(position) * flags.position.unsqueeze(-1)
     moving = off.new_tensor(motion) * flags.motion.unsqueeze(-1)
     deviation = torch.cat((placed + moving, clock * flags.clock), -1)

@@ -251,3 +251,43 @@ def test_an_open_gate_takes_everything(range_drive: Callable[..., Any]) -> None:
     ekf = TightEkf(RissVehicle(d.options), options, systems=2)
     history = ekf(d.start, d.samples, d.ranges._replace(pseudorange=wild), d.timing)
     assert bool((history.verdict == Verdict.ACCEPTED).all())
+
+
+@pytest.mark.filterwarnings("ignore:tight filter:UserWarning")
+def test_whatever_ranges_hold_the_filter_stays_sound(range_drive: Callable[..., Any]) -> None:
+    """Forty drives of errors of every size, gaps, jumps and odd deviations, in both forms."""
+    batch, count = 40, 20
+    d = range_drive(seconds=count, batch=batch, seed=9)
+    g = torch.Generator().manual_seed(1)
+
+    def drawn(*shape: int) -> Tensor:
+        return torch.rand(*shape, generator=g, dtype=torch.float64)
+
+    shape, r = (batch, count, 8), d.ranges
+    sign = torch.sign(drawn(*shape) - 0.5)
+    wild = torch.where(
+        drawn(*shape) < 0.6 * drawn(batch, 1, 1), sign * 10 ** (8 * drawn(*shape)), 0
+    )
+    jump = torch.where(drawn(batch, 1, 1) < 0.3, 10 ** (9 * drawn(batch, 1, 1) - 1), 0.0)
+    jump = jump * (torch.arange(count) >= 10).double()[:, None]
+    fast = torch.where(drawn(*shape) < 0.6 * drawn(batch, 1, 1), 10 ** (5 * drawn(*shape)), 0.0)
+    ranges = r._replace(
+        has_range=(drawn(*shape) < drawn(batch, 1, 1)).double(),
+        has_rate=(drawn(*shape) < drawn(batch, 1, 1)).double(),
+        pseudorange=r.pseudorange + wild + jump,
+        range_rate=r.range_rate + fast,
+        cn0=r.cn0 - 20.0 * drawn(*shape),
+        std_range=torch.where(drawn(*shape) < 0.3, 10 ** (4 * drawn(*shape) - 3), 0.0),
+    )
+    ekf = TightEkf(RissVehicle(d.options), systems=2)
+    loop = ekf(d.start, d.samples, ranges, d.timing)
+    values = torch.linalg.eigvalsh(loop.belief.covariance)
+    assert bool((values > 0.0).all())
+    assert int((loop.verdict == Verdict.REFUSED_BY_GATE).sum()) > 500
+    assert int(loop.resets.sum()) > 5
+    at_once = ekf(d.start, d.samples, ranges, d.timing, method="fast")
+    for one, other in zip(loop.trajectory[:2], at_once.trajectory[:2], strict=True):
+        # passes may have gone round the Earth before they converged
+        assert 6.4e6 * float(torch.sin(one - other).abs().max()) < 0.02
+    assert torch.equal(loop.resets, at_once.resets)
+    assert torch.equal(loop.verdict, at_once.verdict)
