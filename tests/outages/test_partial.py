@@ -1,27 +1,19 @@
-"""Partial outages: the satellites that stay, by rule, and what methods are handed of them."""
+"""Partial outages: the satellites that stay, by rule, and the outages that are left out."""
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
-from itertools import combinations
-from pathlib import Path
+from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from navlearn.errors import ConfigError, LogError
 from navlearn.logs.drive_log import DriveLog
-from navlearn.outages.known_log import known_log
 from navlearn.outages.placement import place_outages
 from navlearn.outages.receptions import receptions_of
-from navlearn.outages.replay import Replay, Solution, replay
-from navlearn.outages.schedule import Outage, OutageProtocol, Placement
+from navlearn.outages.schedule import OutageProtocol, Placement
 from navlearn.outages.sky import sky_at
 from navlearn.outages.track import track_of
-from navlearn.outages.visible import PRIOR, RANGE, chosen, information
 
 MakeLog = Callable[..., DriveLog]
 WithRanges = Callable[..., DriveLog]
@@ -189,24 +181,6 @@ def test_a_short_drive_has_short_outages(make_log: MakeLog, with_ranges: WithRan
     assert [outage.start for outage in found.outages] == [40.0, 76.0, 112.0, 148.0]
 
 
-units = st.tuples(st.floats(5.0, 89.0), st.floats(0.0, 359.0)).map(lambda sky: direction(*sky))
-
-
-@settings(max_examples=60, deadline=None)
-@given(st.lists(units, min_size=1, max_size=6).map(np.array))
-def test_information_is_that_of_a_weighted_least_squares(unit: np.ndarray) -> None:
-    # The second way: the inverse of the plane's block of the covariance of the whole.
-    rows = np.concatenate((-unit, np.ones((len(unit), 1))), axis=1)
-    normal = rows.T @ rows / RANGE**2 + np.diag(np.array(PRIOR) ** -2.0)
-    plane = np.linalg.inv(normal)[:2, :2]
-    assert information(unit) == pytest.approx(1.0 / np.linalg.det(plane), rel=1e-8)
-    # More ranges never tell less, and turning the sky changes nothing.
-    assert information(unit) >= information(unit[:-1]) * (1.0 - 1e-9)
-    c, s = math.cos(0.7), math.sin(0.7)
-    turned = unit @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    assert information(turned) == pytest.approx(information(unit), rel=1e-8)
-
-
 def test_alone_the_lowest_tells_most_and_the_highest_least(log: DriveLog) -> None:
     def one(rule: str, elevation: float = 0.0) -> set[tuple[str, ...]]:
         found = placed(log, satellites=1, visible=rule, min_elevation=elevation)
@@ -215,34 +189,6 @@ def test_alone_the_lowest_tells_most_and_the_highest_least(log: DriveLog) -> Non
     assert one("best_geometry") == {("G07",)}
     assert one("best_geometry", math.radians(15.0)) == {("E05",)}
     assert one("worst_geometry") == {("G01",)}
-
-
-@settings(max_examples=25, deadline=None)
-@given(st.lists(units, min_size=3, max_size=8).map(np.array), st.integers(1, 3))
-def test_no_choice_tells_more_than_the_best_or_less_than_the_worst(
-    unit: np.ndarray, count: int
-) -> None:
-    names = [f"G{k:02d}" for k in range(len(unit))]
-    told = {
-        tuple(names[k] for k in members): information(unit[list(members)])
-        for members in combinations(range(len(unit)), count)
-    }
-    best = chosen("best_geometry", count, names, unit)
-    worst = chosen("worst_geometry", count, names, unit)
-    assert told[best] == max(told.values())
-    assert told[worst] == min(told.values())
-
-
-def test_of_very_many_satellites_they_are_taken_one_after_another() -> None:
-    rng = np.random.default_rng(0)
-    sky = zip(rng.uniform(10.0, 85.0, 40), rng.uniform(0.0, 360.0, 40), strict=True)
-    unit = np.array([direction(e, a) for e, a in sky])
-    names = [f"G{k:02d}" for k in range(40)]
-    found = chosen("best_geometry", 5, names, unit)  # 658 008 subsets
-    taken = information(unit[[names.index(name) for name in found]])
-    some = [information(unit[rng.permutation(40)[:5]]) for _ in range(2000)]
-    assert len(set(found)) == 5
-    assert taken > max(some)
 
 
 @pytest.mark.parametrize(
@@ -262,104 +208,6 @@ def test_of_very_many_satellites_they_are_taken_one_after_another() -> None:
 def test_what_does_not_go_together_is_refused(rules: dict[str, object], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         OutageProtocol(**rules)
-
-
-@dataclass
-class Ranger:
-    """A method whose answer holds every range and fix that it was given."""
-
-    sees_after: float = 0.0
-    seen: list[DriveLog] = field(default_factory=list)
-
-    def predict(self, log: DriveLog, outage: Outage) -> Solution:
-        self.seen.append(log)
-        numbers = log.ranges.drop(columns="satellite").to_numpy(dtype=float)
-        told = 1e-16 * float(numbers.sum()) + 1e-12 * float(log.fixes["lat"].sum())
-        t = np.arange(outage.start, outage.end + 0.5, 1.0)
-        table = pd.DataFrame({"t": t, "lat": 0.7 + told, "lon": -1.3, "height": 100.0})
-        return Solution(table=table.assign(v_e=0.0, v_n=0.0, azimuth=0.0))
-
-
-OUTAGES = (Outage(200.0, 60.0, ("G02", "R06")), Outage(300.0, 60.0), Outage(400.0, 60.0, ("G03",)))
-
-
-def test_a_method_is_handed_exactly_the_satellites_that_stay(log: DriveLog) -> None:
-    method = Ranger()
-    found = replay(log, OUTAGES, {"ranger": method}, progress=False)
-    for outage, known in zip(OUTAGES, method.seen, strict=True):
-        before = known.ranges[known.ranges["t"] < outage.start]
-        through = known.ranges[known.ranges["t"] >= outage.start]
-        pd.testing.assert_frame_equal(before, log.ranges[log.ranges["t"] < outage.start])
-        assert set(through["satellite"]) == set(outage.satellites_visible)
-        assert known.fixes["t"].max() < outage.start
-        if outage.satellites_visible:
-            assert through["t"].max() == outage.end
-            assert (through.groupby("t").size() == len(outage.satellites_visible)).all()
-        # Nothing tells how many satellites would have gone on being received.
-        assert known.reference is None
-        assert known.metadata.extra == {}
-    assert found.rows["satellites"].tolist() == [2, 0, 1]
-    assert found.rows["satellites_visible"].tolist() == ["G02 R06", "", "G03"]
-
-
-def spoilt(log: DriveLog, outage: Outage) -> DriveLog:
-    """Return the log with all that a method must not see of an outage made absurd."""
-    ranges = log.ranges.copy()
-    inside = (ranges["t"] >= outage.start) & (ranges["t"] <= outage.end)
-    gone = inside & ~ranges["satellite"].isin(outage.satellites_visible)
-    gone |= ranges["t"] > outage.end
-    numbers = [name for name in ranges.columns if name not in ("t", "satellite")]
-    ranges.loc[gone, numbers] = 1e9
-    # A satellite that nobody has ever received, from the outage's start on.
-    alien = ranges[inside & (ranges["satellite"] == "G01")].assign(satellite="C60")
-    ranges = pd.concat([ranges, alien]).sort_values(["t", "satellite"], ignore_index=True)
-    fixes = log.fixes.copy()
-    fixes.loc[fixes["t"] >= outage.start, ["lat", "lon"]] = 0.0
-    return replace(log, ranges=ranges, fixes=fixes)
-
-
-@pytest.mark.parametrize("outage", OUTAGES)
-def test_ranges_withheld_move_no_output_and_those_that_stay_do(
-    log: DriveLog, outage: Outage, tmp_path: Path
-) -> None:
-    def run(drive: DriveLog, folder: str) -> Replay:
-        return replay(
-            drive, [outage], {"ranger": Ranger()}, progress=False,
-            store=tmp_path / folder, settings={"ranger": {}},
-        )  # fmt: skip
-
-    clean = run(log, "clean").solutions["ranger", 1].table
-    pd.testing.assert_frame_equal(run(spoilt(log, outage), "b").solutions["ranger", 1].table, clean)
-    for name in outage.satellites_visible:
-        ranges = log.ranges.copy()
-        late = (ranges["satellite"] == name) & (ranges["t"] == outage.end)
-        ranges.loc[late, "pseudorange"] += 1e6
-        moved = run(replace(log, ranges=ranges), name).solutions["ranger", 1].table
-        assert (moved["lat"] != clean["lat"]).all()
-
-
-def test_post_processing_sees_ranges_after_the_outage_and_only_some_within(
-    log: DriveLog, sky: Directions
-) -> None:
-    outage = OUTAGES[0]
-    known = known_log(log, outage, after=20.0)
-    t, name = known.ranges["t"], known.ranges["satellite"]
-    inside = (t >= outage.start) & (t < outage.end)
-    assert set(name[inside]) == {"G02", "R06"}
-    assert set(name[(t >= outage.end) & (t <= 280.0)]) == set(sky)
-    assert t.max() == 280.0
-
-
-def test_another_choice_of_satellites_is_another_stored_solution(
-    log: DriveLog, tmp_path: Path
-) -> None:
-    method = Ranger()
-    for visible in (("G01",), ("G02",), ("G01",)):
-        replay(
-            log, [Outage(200.0, 60.0, visible)], {"ranger": method}, progress=False,
-            store=tmp_path, settings={"ranger": {}},
-        )  # fmt: skip
-    assert len(method.seen) == 2
 
 
 def test_receptions_are_counted_by_moment(log: DriveLog, sky: Directions) -> None:
