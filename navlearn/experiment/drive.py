@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 
 from navlearn.errors import ConfigError, LogError
+from navlearn.experiment.range_fixes import with_fixes
 from navlearn.logs.clock import without_latency
 from navlearn.logs.drive_log import DriveLog
 from navlearn.logs.quality import Estimate, gnss_latency, odometer_latency
 from navlearn.logs.reading import read_log, read_sensor_truth
 from navlearn.logs.resample import ResampleOptions, RissTimeline, riss_timeline
 from navlearn.logs.sensor_truth import SensorTruth
-from navlearn.logs.single_point_fixes import with_single_point_fixes
 from navlearn.logs.synthetic import SimulatedDrive, jaradat2017_scenario, simulate_drive
 from navlearn.logs.synthetic.degrade import degrade_gyro, degraded_drive
 from navlearn.logs.synthetic.grades import find_grade
@@ -174,25 +174,11 @@ def prepare_log(log: DriveLog, recipe: Recipe, *, until: float | None = None) ->
     Raises:
         LogError: The outages do not fit into it.
     """
-    log = with_fixes(log)
+    log = with_fixes(log, recipe)
     placement = place_outages(recipe.outages.protocol(), log)
     first = min((outage.start for outage in placement.outages), default=np.inf)
     log, notes = set_clocks(log, recipe, first if until is None else until)
     return Drive(log=log, placement=placement, notes=notes)
-
-
-def with_fixes(log: DriveLog) -> DriveLog:
-    """Return a log that has fixes: its own, or single-point ones, each from its ranges alone.
-
-    Args:
-        log: The log.
-
-    Raises:
-        LogError: It has neither fixes nor ranges that tell a position.
-    """
-    if len(log.fixes) or log.ranges is None:
-        return log
-    return with_single_point_fixes(log)
 
 
 def set_clocks(log: DriveLog, recipe: Recipe, until: float) -> tuple[DriveLog, tuple[str, ...]]:

@@ -1,7 +1,7 @@
 """What the drives of a sweep are made of, looked at before anything is run."""
 
 from navlearn.errors import ConfigError, LogError
-from navlearn.experiment.drive import with_fixes
+from navlearn.experiment.range_fixes import with_fixes
 from navlearn.experiment.sensors_needed import check_sensors
 from navlearn.experiment.sweep_drives import real_drive
 from navlearn.outages.placement import place_outages
@@ -49,7 +49,7 @@ def _recorded(recipe: SweepRecipe, sweep: RecordedDrives) -> tuple[Sources, tupl
             )
         names.append(log.metadata.name)
         source = log_fingerprint(log)
-        drive = with_fixes(log)
+        drive = with_fixes(log, recipe)
         for span in sweep.durations_s:
             try:
                 placed = place_outages(recipe.for_drive("real", span).outages.protocol(), drive)

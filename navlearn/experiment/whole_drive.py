@@ -13,10 +13,10 @@ import pandas as pd
 
 from navlearn.experiment.baselines import FilterRuns
 from navlearn.experiment.ins_filter_runs import InsFilterRuns
+from navlearn.experiment.range_fixes import with_fixes
 from navlearn.experiment.solution_tables import ins_solution_table, solution_table
 from navlearn.experiment.tight_filter_runs import TightFilterRuns
 from navlearn.logs.drive_log import DriveLog
-from navlearn.logs.single_point_fixes import with_single_point_fixes
 from navlearn.outages.schedule import Outage
 from navlearn.outages.track import enu_metres, track_of
 from navlearn.recipe import Recipe
@@ -122,7 +122,7 @@ def in_canyon(log: DriveLog, t: np.ndarray) -> np.ndarray:
 
 
 def _solutions(log: DriveLog, recipe: Recipe) -> Iterator[tuple[str, pd.DataFrame]]:
-    alone = with_single_point_fixes(replace(log, fixes=log.fixes.iloc[:0]))
+    alone = with_fixes(replace(log, fixes=log.fixes.iloc[:0]), recipe)
     yield "single point", alone.fixes
     if len(log.fixes):
         yield "receiver's fixes", log.fixes

@@ -24,6 +24,10 @@ LOWEST = math.radians(5.0)
 """Below this elevation the models hold no longer, and nothing grows any further, rad."""
 
 
+SHORTEST = 0.01
+"""Receptions are never taken to follow each other faster, s."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class RangeNoiseOptions:
     """Parts of the error of one pseudorange and one range rate; deviations.
@@ -37,6 +41,8 @@ class RangeNoiseOptions:
         ionosphere: What a model leaves of the delay at the zenith, m; grows 3 times at 5°.
         troposphere: The same of the troposphere, m; grows 10 times at 5°.
         multipath: Multipath at the zenith, m; grows as 1 / sin(elevation).
+        multipath_time: How long multipath stays alike, s: to a filter that hears a satellite more
+            often, each time counts for less.
         thermal: Tracking noise of the code at 45 dB-Hz, m; doubles for every 6 dB less.
         told_factor: Factor on the deviation that the receiver tells of its pseudorange, which
             then stands for ``thermal``.
@@ -52,6 +58,7 @@ class RangeNoiseOptions:
     ionosphere: float = 1.5
     troposphere: float = 0.12
     multipath: float = 1.0
+    multipath_time: float = 5.0
     thermal: float = 0.5
     told_factor: float = 1.0
     rate_floor: float = 0.05
@@ -79,6 +86,7 @@ class RangeNoise(NamedTuple):
     ionosphere: Tensor
     troposphere: Tensor
     multipath: Tensor
+    multipath_time: Tensor
     thermal: Tensor
     told_factor: Tensor
     rate_floor: Tensor
@@ -104,7 +112,7 @@ def log_range_noise(options: RangeNoiseOptions) -> Tensor:
         options: Deviations.
 
     Returns:
-        Logarithms in the order of :class:`RangeNoise`, −inf for zero, shape (10,).
+        Logarithms in the order of :class:`RangeNoise`, −inf for zero, shape (11,).
     """
     return torch.log(torch.stack(tuple(range_noise(options))))
 
@@ -113,19 +121,30 @@ def range_noise_from_log(log: Tensor) -> RangeNoise:
     """Return the noise entries of their logarithms.
 
     Args:
-        log: As :func:`log_range_noise` returns, shape (10,).
+        log: As :func:`log_range_noise` returns, shape (11,).
     """
     return RangeNoise(*torch.exp(log).unbind(-1))
 
 
-def range_variance(noise: RangeNoise, elevation: Tensor, cn0: Tensor, std_told: Tensor) -> Tensor:
-    """Return the variance of pseudoranges.
+def range_variance(
+    noise: RangeNoise,
+    elevation: Tensor,
+    cn0: Tensor,
+    std_told: Tensor,
+    since: Tensor | None = None,
+) -> Tensor:
+    """Return the variance of pseudoranges, by themselves or as one of many.
+
+    A filter takes its measurements for independent. An error of correlation time τ met every Δt
+    seconds tells as much of its mean as independent ones of 2 τ/Δt times its variance (its
+    autocorrelation exp(−|t|/τ), integrated), which is what multipath gets where ``since`` is told.
 
     Args:
         noise: Noise entries.
         elevation: Elevation of the satellite, rad, shape (...).
         cn0: Carrier-to-noise density, dB-Hz, shape (...).
         std_told: Deviation that the receiver tells, m; 0 where it tells none; shape (...).
+        since: Time since the reception before, s, shape (...); None for a reception by itself.
 
     Returns:
         Variance, m², shape (...).
@@ -135,13 +154,11 @@ def range_variance(noise: RangeNoise, elevation: Tensor, cn0: Tensor, std_told: 
     ionosphere = noise.ionosphere * ionosphere_obliquity(height)
     troposphere = noise.troposphere * troposphere_mapping(height)
     tracking = _tracking(noise.thermal, noise.told_factor, cn0, std_told)
-    return (
-        noise.orbit_clock**2
-        + ionosphere**2
-        + troposphere**2
-        + (noise.multipath / sine) ** 2
-        + tracking
-    )
+    multipath = (noise.multipath / sine) ** 2
+    if since is not None:
+        alike = 2.0 * noise.multipath_time / since.clamp_min(SHORTEST)
+        multipath = multipath * alike.clamp_min(1.0)
+    return noise.orbit_clock**2 + ionosphere**2 + troposphere**2 + multipath + tracking
 
 
 def rate_variance(noise: RangeNoise, elevation: Tensor, cn0: Tensor, std_told: Tensor) -> Tensor:

@@ -5,6 +5,7 @@ import math
 
 import pytest
 import torch
+from scipy.signal import lfilter
 
 from navlearn.errors import ConfigError
 from navlearn.gnss.range_noise import (
@@ -91,20 +92,38 @@ def test_defaults_are_those_of_a_cheap_receiver() -> None:
 
 
 def test_log_goes_back_and_carries_gradients() -> None:
-    options = RangeNoiseOptions(multipath=0.0)
+    options = RangeNoiseOptions(orbit_clock=0.0, multipath_time=2.0)
     log = log_range_noise(options).requires_grad_()
     back = range_noise_from_log(log)
     torch.testing.assert_close(torch.stack(tuple(back)), torch.stack(tuple(range_noise(options))))
     elevation, cn0, told = double(0.3, 1.0), double(30.0, 45.0), double(0.0, 0.4)
-    total = range_variance(back, elevation, cn0, told).sum()
+    often = torch.full_like(told, 0.2)
+    total = range_variance(back, elevation, cn0, told, often).sum()
     total = total + rate_variance(back, elevation, cn0, told).sum()
     (gradient,) = torch.autograd.grad(total, log)
     assert torch.isfinite(gradient).all()
-    zero = RangeNoise._fields.index("multipath")
-    told = [name not in ("multipath", "multipath_time") for name in RangeNoise._fields]
-    moved = torch.tensor(told)
+    zero = RangeNoise._fields.index("orbit_clock")
+    moved = [i for i in range(len(RangeNoise._fields)) if i != zero]
     assert (gradient[moved] > 0.0).all()
     assert gradient[zero] == 0.0
+
+
+def test_often_heard_multipath_tells_no_more_than_its_mean() -> None:
+    tau, every, count = 4.0, 0.5, 400_000
+    generator = torch.Generator().manual_seed(1)
+    kept = math.exp(-every / tau)
+    drawn = torch.randn(count, generator=generator, dtype=torch.float64).numpy()
+    error = lfilter([math.sqrt(1.0 - kept**2)], [1.0, -kept], drawn)
+    length = 400  # 200 s, many correlation times
+    spread = error.reshape(-1, length).mean(1).var() * length
+    noise = of(multipath=1.0, multipath_time=tau)
+    zenith, one = double(0.5 * math.pi), double(45.0)
+    plain = range_variance(noise, zenith, one, double(1e-9))
+    often = range_variance(noise, zenith, one, double(1e-9), double(every))
+    assert float(often / plain) == pytest.approx(2.0 * tau / every)
+    assert float(often) == pytest.approx(spread, rel=0.1)
+    seldom = range_variance(noise, zenith, one, double(1e-9), double(10.0 * tau))
+    torch.testing.assert_close(seldom, plain)
 
 
 @pytest.mark.parametrize("value", [-0.1, math.nan, math.inf])

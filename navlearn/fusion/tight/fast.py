@@ -24,7 +24,7 @@ from navlearn.fusion.tight.noise import TightNoise
 from navlearn.fusion.tight.packing import packed_reception
 from navlearn.fusion.tight.passes import VehiclePasses
 from navlearn.fusion.tight.prediction import TightAhead, beside_clock
-from navlearn.fusion.tight.ranges import measured_ranges, with_surprise
+from navlearn.fusion.tight.ranges import measured_ranges, variance_in_series, with_surprise
 from navlearn.fusion.tight.record import tight_history
 from navlearn.fusion.tight.timeline import TightLine
 from navlearn.fusion.tight.update import TightEnded, fed_back, with_covariance
@@ -116,11 +116,13 @@ class _Passes:
         )
         end = ahead.belief
         antenna = model.vehicle.antenna(end.vehicle, self.blocks, reception.delay)
+        found = measured_ranges(antenna, end.clock, reception, self.noise)
         return Linear(
             ahead,
             self._shift(guess, ahead),
             antenna,
-            measured_ranges(antenna, end.clock, reception, self.noise),
+            found,
+            variance_in_series(found, reception, self.noise),
             model.vehicle.measured(end.vehicle, self.blocks),
             self.places,
         )

@@ -55,6 +55,7 @@ class Linear(NamedTuple):
             was guessed to start, shape (B, K, n + c).
         antenna: The antenna at the receptions.
         found: What ranges say there, at places.
+        series: Variances with which they count, shape (B, K, 2 P).
         own: What the vehicle measures of itself.
         places: Which satellite stands where.
     """
@@ -63,6 +64,7 @@ class Linear(NamedTuple):
     shift: Tensor
     antenna: Antenna
     found: Measured
+    series: Tensor
     own: Measured
     places: Places
 
@@ -148,7 +150,8 @@ def information(model: TightModel, linear: Linear, said: Said) -> tuple[Tensor, 
     # against the clock as it was: what it is set to is part of the mean
     still = said.ranges.anew._replace(shift=torch.zeros_like(said.ranges.anew.shift))
     ranges = said.ranges._replace(anew=still)
-    rows = stacked_rows(model, linear.found, ranges, linear.own, said.own)
+    found = linear.found._replace(variance=linear.series)
+    rows = stacked_rows(model, found, ranges, linear.own, said.own)
     weighted = (rows.observation / rows.variance.unsqueeze(-1)).transpose(-1, -2)
     J = weighted @ torch.cat((rows.observation, rows.innovation.unsqueeze(-1)), -1)
     n = model.size

@@ -36,7 +36,7 @@ def log_tight_noise(options: TightEkfOptions) -> Tensor:
 
     Returns:
         Those of :class:`navlearn.gnss.range_noise.RangeNoise`, then the clock's three, −inf for
-        zero, shape (13,).
+        zero, shape (14,).
     """
     clock = [getattr(options.clock, name) for name in CLOCK_NOISE]
     log_clock = torch.log(torch.tensor(clock, dtype=torch.float64))
@@ -47,7 +47,7 @@ def tight_noise_from_log(log: Tensor) -> TightNoise:
     """Return the noise entries of their logarithms.
 
     Args:
-        log: As :func:`log_tight_noise` returns, shape (13,).
+        log: As :func:`log_tight_noise` returns, shape (14,).
     """
     count = len(RangeNoise._fields)
     return TightNoise(range_noise_from_log(log[:count]), *torch.exp(log[count:]).unbind(-1))

@@ -75,6 +75,27 @@ def measured_ranges(
     )
 
 
+def variance_in_series(found: Measured, reception: Reception, noise: TightNoise) -> Tensor:
+    """Return the variances with which measurements count for the state, multipath being repeated.
+
+    Whether a measurement is believed is asked of it by itself, by ``found.variance``: a reflection
+    that lasts is as wild as one that does not. What it tells is less than if it were independent.
+
+    Args:
+        found: What ranges say, shape (..., 2 S).
+        reception: What was received, shape (...).
+        noise: Noise of ranges.
+
+    Returns:
+        Shape (..., 2 S).
+    """
+    ranges, since = reception.ranges, reception.elapsed.unsqueeze(-1)
+    series = range_variance(noise.range, ranges.elevation, ranges.cn0, ranges.std_range, since)
+    count = series.shape[-1]
+    there = found.present[..., :count] > 0.5
+    return torch.cat((torch.where(there, series, 1.0), found.variance[..., count:]), -1)
+
+
 def with_surprise(covariance: Tensor, antenna: Antenna) -> Tensor:
     """Return a covariance with that of the antenna's velocity beside the states below it.
 

@@ -14,7 +14,7 @@ from navlearn.fusion.tight.integrity import RangesJudged, judged_ranges
 from navlearn.fusion.tight.model import SURPRISES, TightModel
 from navlearn.fusion.tight.noise import TightNoise
 from navlearn.fusion.tight.packing import Places
-from navlearn.fusion.tight.ranges import measured_ranges, with_surprise
+from navlearn.fusion.tight.ranges import measured_ranges, variance_in_series, with_surprise
 from navlearn.fusion.tight.timeline import Reception
 from navlearn.fusion.updates import Measured
 
@@ -80,7 +80,8 @@ def updated(
         variance = variance + torch.nn.functional.pad(
             opened, (0, variance.shape[-1] - opened.shape[-1])
         )
-    used = stacked_rows(model, found, ranges, own, said)
+    series = variance_in_series(found, reception, noise)
+    used = stacked_rows(model, found._replace(variance=series), ranges, own, said)
     opened_up = covariance + torch.diag_embed(variance)
     new = update(opened_up, used.observation, used.variance, used.innovation)
     belief = fed_back(model, prior, new.correction, ranges.anew.shift, block)
@@ -170,7 +171,7 @@ def stacked_rows(
 
     Args:
         model: The filter.
-        found: What ranges say.
+        found: What ranges say, with the variances with which they count.
         ranges: What is believed of it.
         own: What the vehicle measures of itself.
         said: What is believed of that.
