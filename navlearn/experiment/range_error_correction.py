@@ -17,7 +17,8 @@ class Corrected(NamedTuple):
     """Ranges of an outage less what a model says of their errors.
 
     Attributes:
-        ranges: Receptions, shape (M, S) each.
+        ranges: Receptions, shape (M, S) each; the deviations that they tell are wider where the
+            spec says so.
         correction: What was taken off, m, shape (M, S).
         errors: The model's prediction.
     """
@@ -60,4 +61,7 @@ def corrected(
     correction = torch.zeros_like(ranges.pseudorange)
     correction[after.reception] = errors.error[rows]
     less = ranges._replace(pseudorange=ranges.pseudorange - correction)
+    if spec.wider_m > 0.0:
+        wider = torch.hypot(ranges.std_range, torch.tensor(spec.wider_m).to(correction))
+        less = less._replace(std_range=torch.where(errors.known, wider, ranges.std_range))
     return Corrected(less, correction, errors)

@@ -95,7 +95,7 @@ def replayed(
         nothing could be fitted are left out.
     """
     plain = run_replays(start.navigator, start.run, replays, replays.ranges)
-    pseudorange = replays.ranges.pseudorange.clone()
+    pseudorange, std = replays.ranges.pseudorange.clone(), replays.ranges.std_range.clone()
     kept = []
     for k, block in enumerate(replays.block.tolist()):
         count = int((past.record.reception <= start.run.history.reception[block]).sum())
@@ -107,10 +107,9 @@ def replayed(
             found = corrected(before, after, float(t[0]), ranges, visible, spec)
         except FitError:
             continue
-        pseudorange[k] = found.ranges.pseudorange
+        pseudorange[k], std[k] = found.ranges.pseudorange, found.ranges.std_range
         kept.append(k)
-    better = run_replays(
-        start.navigator, start.run, replays, replays.ranges._replace(pseudorange=pseudorange)
-    )
+    less = replays.ranges._replace(pseudorange=pseudorange, std_range=std)
+    better = run_replays(start.navigator, start.run, replays, less)
     errors = [rms_error(one.trajectory, replays.reference) for one in (better, plain)]
     return torch.stack(errors)[:, kept]

@@ -31,7 +31,8 @@ class RangeErrors(NamedTuple):
         variance: Of what remains, m², zero where nothing is predicted, shape (H, S).
         known: Satellites that something was predicted for, bool, shape (S,).
         taught: Satellites that were learned from, bool, shape (S,).
-        fitted: The models, one per satellite taught, or one of all; none of ``held`` and ``decay``.
+        fitted: The models, one per satellite taught, or one of all; only of
+            ``pci``, ``fos`` and ``anarx``.
         outside: Rows ahead in which an input left its training range.
         inputs: What each model ran on through the outage, shape (n, H, m); of a model of all
             satellites what it ran on for each.
@@ -140,6 +141,14 @@ def _held(windows: RangeWindows, options: RangeErrorOptions, _: TrainingSource) 
     return Predicted(error, (off.square().sum(-1, keepdim=True) / count).expand_as(error))
 
 
+def _none(windows: RangeWindows, _: RangeErrorOptions, __: TrainingSource) -> Predicted:
+    there = torch.isfinite(windows.target)
+    square = torch.where(there, windows.target, 0.0).square().sum(-1, keepdim=True)
+    shape = (windows.target.shape[0], windows.ahead.shape[1])
+    variance = (square / there.sum(-1, keepdim=True)).expand(shape)
+    return Predicted(torch.zeros_like(variance), variance)
+
+
 def _decay(windows: RangeWindows, options: RangeErrorOptions, _: TrainingSource) -> Predicted:
     process = fit_gauss_markov(windows.target)
     error, variance = predict_gauss_markov(process, windows.target, windows.ahead.shape[1])
@@ -148,4 +157,4 @@ def _decay(windows: RangeWindows, options: RangeErrorOptions, _: TrainingSource)
 
 _PREDICT: Final[
     dict[str, Callable[[RangeWindows, RangeErrorOptions, TrainingSource], Predicted]]
-] = {"pci": by_pci, "fos": by_fos, "anarx": by_anarx, "held": _held, "decay": _decay}
+] = {"pci": by_pci, "fos": by_fos, "anarx": by_anarx, "held": _held, "decay": _decay, "none": _none}

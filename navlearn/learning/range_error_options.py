@@ -10,7 +10,7 @@ from navlearn.errors import ConfigError
 from navlearn.learning.options import TrainingOptions
 from navlearn.learning.range_residuals import HELD, ResidualOptions
 
-STRUCTURES: Final = ("pci", "fos", "anarx", "held", "decay")
+STRUCTURES: Final = ("pci", "fos", "anarx", "held", "decay", "none")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -19,9 +19,9 @@ class RangeErrorOptions:
 
     Attributes:
         structure: ``pci``, ``fos`` or ``anarx``; ``held`` keeps the mean of each satellite's last
-            residuals, ``decay`` predicts a Gauss–Markov process in white noise.
+            residuals, ``decay`` predicts a Gauss–Markov process in white noise, ``none`` nothing.
         inputs: Names of :data:`navlearn.learning.range_residuals.CHANNELS` and of ``HELD`` there;
-            ``held`` and ``decay`` have none.
+            the other structures have none.
         target: ``residual`` or ``left_out``.
         min_satellites: Fewest satellites tracked for a residual to be learned from; with fewer
             the model acts.

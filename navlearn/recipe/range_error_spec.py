@@ -18,6 +18,7 @@ OWN: Final[dict[str, dict[str, Any]]] = {
     "anarx": {"lags": 2},
     "held": {"inputs": (), "average_s": 300.0, "window_s": 900.0},
     "decay": {"inputs": (), "window_s": 900.0},
+    "none": {"inputs": (), "wider_m": 3.0},
 }
 """What takes the place of the defaults, by structure."""
 
@@ -39,7 +40,8 @@ class RangeErrorSpec(SpecBase):
         type: Kind of model.
         safeguard: When a correction is trusted.
         structure: ``pci`` ([Iqbal2020] §IX), ``fos`` or ``anarx``; ``held`` keeps the mean of the
-            last residuals and ``decay`` predicts a Gauss–Markov process, both without inputs.
+            last residuals, ``decay`` predicts a Gauss–Markov process, and ``none`` takes nothing
+            off; these have no inputs.
         inputs: Names of :data:`navlearn.learning.range_residuals.CHANNELS`, or of ``HELD`` there:
             a model with one of those learns from emulated outages within its window.
         target: ``residual`` against the solution of all satellites, or ``left_out`` against that
@@ -63,12 +65,15 @@ class RangeErrorSpec(SpecBase):
         gate_horizon_s: Length of the emulated partial outages that judge the model.
         gate_every_s: Least time between their starts.
         gate_replays: Most recent ones looked at.
+        wider_m: Deviation, m, by which a range is known less well while the model acts, squared
+            and added to what the receiver tells: an error that stays alike for a minute is no
+            white noise, of which a filter would take a minute's mean.
         seed: Seed of everything drawn.
     """
 
     type: Literal["range_error"] = "range_error"
     safeguard: SafeguardSpec = SafeguardSpec(output_limit=3.0, gate_margin=MARGIN)
-    structure: Literal["pci", "fos", "anarx", "held", "decay"]
+    structure: Literal["pci", "fos", "anarx", "held", "decay", "none"]
     inputs: tuple[str, ...] = ("elevation", "cn0")
     target: Literal["residual", "left_out"] = "residual"
     min_satellites: Annotated[int, Field(ge=4)] = 5
@@ -87,6 +92,7 @@ class RangeErrorSpec(SpecBase):
     gate_horizon_s: Positive = 60.0
     gate_every_s: Positive = 30.0
     gate_replays: Count = 12
+    wider_m: NotNegative = 0.0
     seed: Seed = 0
 
     @model_validator(mode="before")
@@ -133,9 +139,13 @@ class RangeErrorSpec(SpecBase):
 
     def describe(self) -> str:
         """Return what the method of this model does, in a sentence for the report."""
+        wider = f", each known {self.wider_m:g} m less well" if self.wider_m else ""
+        taken = "as they are"
+        if self.structure in SAID:
+            taken = f"less what {SAID[self.structure]} over the last {self.window_s:g} s"
         return (
-            f"`tc_ekf` on ranges less what {SAID[self.structure]} over the last "
-            f"{self.window_s:g} s, where fewer than {self.min_satellites} satellites are left"
+            f"`tc_ekf` on ranges {taken}{wider}, where fewer than {self.min_satellites} "
+            "satellites are left"
         )
 
     @property

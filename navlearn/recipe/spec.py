@@ -56,6 +56,7 @@ BUILT_IN: Final[dict[str, SpecBase]] = {
         RangeErrorSpec(name="tc_ekf+anarx", structure="anarx"),
         RangeErrorSpec(name="tc_ekf+held", structure="held"),
         RangeErrorSpec(name="tc_ekf+decay", structure="decay"),
+        RangeErrorSpec(name="tc_ekf+wider", structure="none"),
         RangeErrorSpec(
             name="iqbal2020_range",
             structure="pci",

@@ -143,6 +143,29 @@ def test_every_structure_corrects_the_satellites_that_stay_alone(
     assert not found.table["lat"].equals(plain.table["lat"])
 
 
+def test_wider_ranges_are_those_of_a_receiver_that_tells_so(
+    systematic: DriveLog, runs: TightFilterRuns
+) -> None:
+    outage = highest(systematic, 2)
+    known = known_log(systematic, outage)
+    model = spec("none", wider_m=4.0, safeguard={"gate": False})
+    found = RangeErrorMethod(runs, model).predict(known, outage)
+    assert known.ranges is not None
+    later = known.ranges["t"] >= outage.start
+    told = np.hypot(known.ranges["std_range"], 4.0)
+    wider = replace(
+        known, ranges=known.ranges.assign(std_range=known.ranges["std_range"].where(~later, told))
+    )
+    expected = TightMethod(fresh_runs()).predict(wider, outage).table
+    columns = ["lat", "lon", "std_e", "std_n"]
+    np.testing.assert_allclose(found.table[columns], expected[columns], rtol=1e-12)
+    assert found.notes["largest_correction_m"] == 0.0
+    plain = TightMethod(runs).predict(known, outage).table
+    assert (found.table["std_e"].iloc[-1] > plain["std_e"].iloc[-1]) | (
+        found.table["std_n"].iloc[-1] > plain["std_n"].iloc[-1]
+    )
+
+
 def test_white_errors_are_refused() -> None:
     """What is white tells nothing of what comes, whatever a model makes of its window."""
     log, runs = driven(thermal=3.0), fresh_runs()

@@ -12,7 +12,7 @@ MODELS = Path(__file__).resolve().parents[2] / "models"
 NAMES = ("tc_ekf+pci", "tc_ekf+fos", "tc_ekf+anarx", "tc_ekf+held", "tc_ekf+decay")
 
 
-@pytest.mark.parametrize("name", [*NAMES, "iqbal2020_range"])
+@pytest.mark.parametrize("name", [*NAMES, "tc_ekf+wider", "iqbal2020_range"])
 def test_what_is_shipped_is_what_is_built_in(name: str) -> None:
     shipped = load_spec(MODELS / f"{name}.yaml")
     assert shipped.model_copy(update={"question": ""}) == BUILT_IN[name]
@@ -40,6 +40,14 @@ def test_the_papers_model_stands_raw() -> None:
     assert not options.safeguard
     assert not options.refit
     assert spec.seeds == {"iqbal2020_range": 0}
+
+
+def test_no_model_at_all_is_a_filter_that_trusts_ranges_less() -> None:
+    spec = BUILT_IN["tc_ekf+wider"]
+    assert isinstance(spec, RangeErrorSpec)
+    assert spec.structure == "none"
+    assert "ranges as they are, each known 3 m less well" in spec.describe()
+    assert BUILT_IN["tc_ekf+pci"].wider_m == 0.0  # type: ignore[union-attr]
 
 
 def test_options_reach_the_model() -> None:
