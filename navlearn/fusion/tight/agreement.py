@@ -42,24 +42,28 @@ def agreement(innovation: Tensor, spread: Tensor, there: Tensor, limit: float) -
     Returns:
         Agreement; where a spread is no covariance nothing agrees, with infinite squares.
     """
+    count = innovation.shape[-1]
     factor, wrong = torch.linalg.cholesky_ex(spread)
     sound = (wrong == 0).unsqueeze(-1)
-    unit = torch.eye(spread.shape[-1], dtype=spread.dtype, device=spread.device)
+    unit = torch.eye(count, dtype=spread.dtype, device=spread.device)
     J = torch.cholesky_inverse(torch.where(sound.unsqueeze(-1), factor, unit))
-    u = (J @ innovation.unsqueeze(-1)).squeeze(-1)
-    accepted, gone = there & sound, torch.where(there & ~sound, torch.inf, 0.0 * innovation)
-    for _ in range(innovation.shape[-1]):
+    u = (J @ innovation.unsqueeze(-1)).reshape(-1, count)
+    J, accepted = J.reshape(-1, count, count), (there & sound).reshape(-1, count)
+    squares = torch.where(there & ~sound, torch.inf, 0.0 * innovation).reshape(-1, count)
+    kept, at = accepted.clone(), torch.arange(len(u), device=u.device)
+    while True:
         square = _squares(J, u, accepted)
+        squares[at] = torch.where(accepted, square, squares[at])
         # not a number is beyond every limit
         ranked = torch.nan_to_num(square, nan=torch.inf)
         worst = ranked.argmax(-1, keepdim=True)
-        out = ~(torch.gather(ranked, -1, worst) <= limit)
+        out = ~(torch.gather(ranked, -1, worst) <= limit).squeeze(-1)
         if not bool(out.any()):
-            break
-        here = torch.zeros_like(accepted).scatter(-1, worst, out)
-        accepted, gone = accepted & ~here, torch.where(here, square, gone)
-        J, u = _without(J, u, worst, out)
-    return Agreement(accepted, torch.where(accepted, _squares(J, u, accepted), gone))
+            return Agreement(kept.view(there.shape), squares.view(there.shape))
+        # most receptions are done after the first look: the others are looked at by themselves
+        at, worst, accepted = at[out], worst[out], accepted[out].scatter(-1, worst[out], False)
+        kept[at] = accepted
+        J, u = _without(J[out], u[out], worst)
 
 
 def _squares(J: Tensor, u: Tensor, accepted: Tensor) -> Tensor:
@@ -67,10 +71,9 @@ def _squares(J: Tensor, u: Tensor, accepted: Tensor) -> Tensor:
     return torch.where(accepted, u * u / torch.where(accepted, own, 1.0), 0.0)
 
 
-def _without(J: Tensor, u: Tensor, worst: Tensor, out: Tensor) -> tuple[Tensor, Tensor]:
+def _without(J: Tensor, u: Tensor, worst: Tensor) -> tuple[Tensor, Tensor]:
     """Return J and u of the others, where one is to go out."""
     column = torch.gather(J, -1, worst.unsqueeze(-2).expand(*J.shape[:-1], 1))
     own = torch.gather(column, -2, worst.unsqueeze(-1))
-    share = torch.where(out.unsqueeze(-1), column / own, 0.0)
-    told = torch.gather(u, -1, worst)
+    share, told = column / own, torch.gather(u, -1, worst)
     return J - share @ column.transpose(-1, -2), u - share.squeeze(-1) * told
