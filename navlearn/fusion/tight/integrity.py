@@ -32,9 +32,13 @@ import torch
 from torch import Tensor
 
 from navlearn.fusion.measurements import Verdict
-from navlearn.fusion.tight.agreement import agreement
 from navlearn.fusion.tight.anew import Anew, Flags, begun_anew, clock_set, common, told_by_clock
 from navlearn.fusion.tight.clock import BIAS, DRIFT
+from navlearn.fusion.tight.hypotheses import Hypothesis as Hypothesis
+from navlearn.fusion.tight.hypotheses import Scene as Scene
+from navlearn.fusion.tight.hypotheses import chosen, more_agree, most_refused, what_agrees
+from navlearn.fusion.tight.hypotheses import groups as groups
+from navlearn.fusion.tight.hypotheses import many_refused as many_refused
 from navlearn.fusion.tight.model import TightModel
 from navlearn.fusion.updates import Measured
 
@@ -57,34 +61,6 @@ class RangesJudged(NamedTuple):
     refused: Tensor
     anew: Anew
     reset: Tensor
-
-
-class Scene(NamedTuple):
-    """What a reception is judged by.
-
-    Attributes:
-        model: The filter.
-        found: What is measured, shape (...).
-        spread: Covariance of the innovations, R included, shape (..., 2 S, 2 S).
-        there: Whether something is measured, bool, shape (..., 2 S).
-    """
-
-    model: TightModel
-    found: Measured
-    spread: Tensor
-    there: Tensor
-
-
-class Hypothesis(NamedTuple):
-    """What may have begun anew, and what agrees if it has.
-
-    Attributes:
-        anew: What began anew.
-        accepted: What agrees, bool, shape (..., 2 S).
-    """
-
-    anew: Anew
-    accepted: Tensor
 
 
 def judged_ranges(
@@ -124,7 +100,7 @@ def plainly_judged(
     spread = 0.5 * (spread + spread.transpose(-1, -2)) + torch.diag_embed(found.variance.detach())
     variance = covariance.detach().diagonal(dim1=-2, dim2=-1)
     scene = Scene(model, found, spread, there)
-    return scene, _supposed(scene, clock_set(model, found, variance, there))
+    return scene, what_agrees(scene, clock_set(model, found, variance, there))
 
 
 def judged_with_patience(scene: Scene, plain: Hypothesis, refused: Tensor) -> RangesJudged:
@@ -155,31 +131,22 @@ def judged_with_patience(scene: Scene, plain: Hypothesis, refused: Tensor) -> Ra
     )
 
 
-def _supposed(scene: Scene, anew: Anew) -> Hypothesis:
-    """Return what agrees if something begins anew."""
-    model, found = scene.model, scene.found
-    left = found.innovation - told_by_clock(model, found, anew.shift)
-    H = found.observation.detach()
-    spread = scene.spread + (H * anew.variance.unsqueeze(-2)) @ H.transpose(-1, -2)
-    return Hypothesis(anew, agreement(left, spread, scene.there, model.limit).accepted)
-
-
 def _best(scene: Scene, plain: Hypothesis, refused: Tensor) -> tuple[Hypothesis, Tensor]:
     """Return the hypothesis that is believed, and which of the two resets it is."""
     patient = refused[..., -2:] >= scene.model.options.gate.reset_after
     best, jumped = plain, torch.zeros_like(patient[..., 0])
     flags = _clock_flags(scene, plain, patient, refused)
     if bool(flags.clock.any()):
-        supposed = _supposed(scene, _anew(scene, plain, flags))
+        supposed = what_agrees(scene, _anew(scene, plain, flags))
         jumped = _jumped(scene, plain, supposed, flags, patient)
-        best = _chosen(jumped, supposed, best)
+        best = chosen(jumped, supposed, best)
     flags = _drift_flags(scene, plain, patient & ~jumped.unsqueeze(-1))
     if not bool(flags.motion.any()):
         return best, torch.stack((torch.zeros_like(jumped), jumped), -1)
-    supposed = _supposed(scene, _anew(scene, plain, flags))
+    supposed = what_agrees(scene, _anew(scene, plain, flags))
     drifted = _drifted(scene, plain, supposed, flags)
     reset = torch.stack((drifted & flags.position, jumped | (drifted & ~flags.position)), -1)
-    return _chosen(drifted, supposed, best), reset
+    return chosen(drifted, supposed, best), reset
 
 
 def _anew(scene: Scene, plain: Hypothesis, flags: Flags) -> Anew:
@@ -215,7 +182,9 @@ def _jumped(
     visible = (agreed >= 2) & ((moved > gate.smallest_jump) | drift)
     most = 2 * groups(supposed.accepted).sum(-1) > groups(scene.there).sum(-1)
     fine = (visible | patient[..., 0]) & most[..., 0]
-    return flags.clock.any(-1) & (fine | ~bias) & (most[..., 1] | ~drift) & _more(supposed, plain)
+    return (
+        flags.clock.any(-1) & (fine | ~bias) & (most[..., 1] | ~drift) & more_agree(supposed, plain)
+    )
 
 
 def _drift_flags(scene: Scene, plain: Hypothesis, patient: Tensor) -> Flags:
@@ -237,7 +206,7 @@ def _drifted(scene: Scene, plain: Hypothesis, supposed: Hypothesis, flags: Flags
     wanted = torch.minimum(seen, _needed(scene) + scene.model.options.gate.redundant)
     fine = (after >= wanted) & (after >= before + 2)
     asked = torch.where(flags.position, fine[..., 0], fine[..., 1])
-    return flags.motion & asked & _more(supposed, plain)
+    return flags.motion & asked & more_agree(supposed, plain)
 
 
 def _needed(scene: Scene) -> Tensor:
@@ -247,32 +216,6 @@ def _needed(scene: Scene) -> Tensor:
     ranges = further.any(-2).sum(-1) + scene.model.options.gate.least_satellites
     rates = torch.full_like(ranges, scene.model.options.gate.least_satellites)
     return torch.stack((ranges, rates), -1)
-
-
-def _more(supposed: Hypothesis, plain: Hypothesis) -> Tensor:
-    return supposed.accepted.sum(-1) > plain.accepted.sum(-1)
-
-
-def _chosen(where: Tensor, one: Hypothesis, other: Hypothesis) -> Hypothesis:
-    where = where.unsqueeze(-1)
-    anew = (torch.where(where, a, b) for a, b in zip(one.anew, other.anew, strict=True))
-    return Hypothesis(Anew(*anew), torch.where(where, one.accepted, other.accepted))
-
-
-def groups(per_measurement: Tensor) -> Tensor:
-    """Return pseudoranges and range rates apart, shape (..., 2, S)."""
-    return per_measurement.reshape(*per_measurement.shape[:-1], 2, -1)
-
-
-def most_refused(there: Tensor, accepted: Tensor) -> Tensor:
-    """Return whether most pseudoranges, and most range rates, are refused, shape (..., 2)."""
-    return 2 * groups(there & ~accepted).sum(-1) > groups(there).sum(-1)
-
-
-def many_refused(there: Tensor, accepted: Tensor) -> Tensor:
-    """Return whether many are refused, two and a third at least or the only one, shape (..., 2)."""
-    out, seen = groups(there & ~accepted).sum(-1), groups(there).sum(-1)
-    return (3 * out >= seen) & ((out >= 2) | (out == 1) & (seen == 1))
 
 
 def _counted(refused: Tensor, there: Tensor, accepted: Tensor) -> Tensor:
