@@ -14,6 +14,9 @@ from navlearn.fusion.measurements import Verdict
 from navlearn.fusion.tight.module import TightEkf
 from navlearn.fusion.tight.options import RangeGateOptions, TightEkfOptions
 from navlearn.fusion.tight.riss_vehicle import RissVehicle
+from navlearn.gnss.range_noise import RangeNoiseOptions
+
+WHITE = RangeNoiseOptions(multipath_time=0.0)
 
 GROUPS = {
     "position": [0, 1, 2],
@@ -50,12 +53,13 @@ def measured(
         drift,
         satellites,
         (0.0, 120.0),
-        TightEkfOptions().range_noise,
+        WHITE,
         3,
     )
     options = type(options)(**{**vars(options), "position": False, "velocity": False})
     gate = RangeGateOptions(probability=1.0)
-    ekf = TightEkf(RissVehicle(options), TightEkfOptions(gate=gate), systems=2)
+    tight = TightEkfOptions(gate=gate, range_noise=WHITE)
+    ekf = TightEkf(RissVehicle(options), tight, systems=2)
     with torch.no_grad():
         history = ekf(start, d.samples, ranges, d.timing)
     belief, there = history.belief, history.reception[0] >= 0

@@ -176,7 +176,7 @@ def test_a_late_reception_is_taken_where_the_car_was(range_drive: Callable[..., 
         6.4e6 * float((h.trajectory.lat - in_time.trajectory.lat)[:, 300:].abs().max())
         for h in (told, lied)
     ]
-    assert ahead[0] < 0.2
+    assert ahead[0] < 0.4
     assert ahead[1] > 1.0
 
 
