@@ -19,9 +19,7 @@ from navlearn.fusion.ins.recursion import ins_opened
 from navlearn.fusion.ins.sequential import predict_ins_sample
 from navlearn.fusion.ins.timeline import (
     InsOccasion,
-    InsRest,
     InsTimeline,
-    ins_occasion_after,
     ins_timeline,
     ins_trajectory,
 )
@@ -123,22 +121,6 @@ class InsVehicle(nn.Module):
     def block(self, line: VehicleLine, k: int) -> InsBlock:
         """Return one block, batch shape (B,)."""
         return block_at(self.all_blocks(line), k)
-
-    def one_sample(
-        self, sample: ImuSample, *, rest: InsRest | None = None, aided: Tensor | None = None
-    ) -> InsBlock:
-        """Return a block of one sample, as a car meets it while driving; no fix is told.
-
-        Args:
-            sample: The sample, shape (...) each; where cones matter, compensated
-                (:func:`navlearn.fusion.ins.timeline.coning_compensated`).
-            rest: Standstill up to now that has not been used yet; None means none.
-            aided: 1.0 where odometer and axle shall be used, shape (...); None means nowhere.
-        """
-        fix = no_fixes(FixTiming(sample.dt, sample.dt))
-        occasion = ins_occasion_after(sample, fix=fix, rest=rest, aided=aided)
-        along = sample.dt.dim()
-        return InsBlock(ImuSample(*(channel.unsqueeze(along) for channel in sample)), occasion)
 
     def predicted(self, belief: InsBelief, block: InsBlock) -> VehicleAhead:
         """Return the prediction over blocks from the beliefs at their starts."""

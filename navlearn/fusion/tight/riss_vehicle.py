@@ -16,7 +16,6 @@ from navlearn.fusion.opening import opened
 from navlearn.fusion.options import EkfOptions, GateOptions
 from navlearn.fusion.record import path_in_blocks
 from navlearn.fusion.sequential import predict_sample
-from navlearn.fusion.standstill import Rest
 from navlearn.fusion.tight.passes import RissPasses
 from navlearn.fusion.tight.vehicle import (
     Antenna,
@@ -26,7 +25,7 @@ from navlearn.fusion.tight.vehicle import (
     closed_only,
     no_fixes,
 )
-from navlearn.fusion.timeline import Timeline, occasion_after, timeline, trajectory_of_blocks
+from navlearn.fusion.timeline import Timeline, timeline, trajectory_of_blocks
 from navlearn.fusion.updates import Measured, Occasion, arm_of, measured
 from navlearn.states import FixTiming, GnssFix, RissSample, Trajectory
 
@@ -117,29 +116,6 @@ class RissVehicle(nn.Module):
     def block(self, line: VehicleLine, k: int) -> RissBlock:
         """Return one block, batch shape (B,)."""
         return block_at(self.all_blocks(line), k)
-
-    def one_sample(
-        self,
-        sample: RissSample,
-        *,
-        acceleration: Tensor | None = None,
-        rest: Rest | None = None,
-    ) -> RissBlock:
-        """Return a block of one sample, as a car meets it while driving; no fix is told.
-
-        Args:
-            sample: The sample, shape (...) each.
-            acceleration: Forward acceleration by the odometer, m/s², shape (...); needed by the
-                Shen models and by the odometer delay, else None may stand for a steady speed.
-            rest: Standstill up to now that has not been used yet; None means none.
-
-        Raises:
-            ConfigError: If the model needs the acceleration and none is given.
-        """
-        fix = no_fixes(FixTiming(sample.dt, sample.dt))
-        occasion = occasion_after(self.model, sample, fix=fix, rest=rest, acceleration=acceleration)
-        samples = RissSample(*(channel.unsqueeze(-1) for channel in sample))
-        return RissBlock(samples, occasion.end.acceleration.unsqueeze(-1), occasion)
 
     def predicted(self, belief: Belief, block: RissBlock) -> VehicleAhead:
         """Return the prediction over blocks from the beliefs at their starts."""

@@ -148,27 +148,6 @@ def test_a_block_is_what_its_samples_are_in_turn(name: str | int) -> None:
     assert torch.equal(at_once.belief.covariance, belief.covariance)
 
 
-@pytest.mark.parametrize("name", ["default", 15])
-def test_one_sample_is_a_block_of_one(name: str | int) -> None:
-    vehicle, belief, block = case(name)
-    last = type(block.samples)(*(x[-1] for x in block.samples))
-    lone = vehicle.one_sample(last)
-    short = vehicle.predicted(belief, lone)
-    in_turn = vehicle.predicted_in_turn(belief, lone)
-    torch.testing.assert_close(short.transition, in_turn.transition, atol=2e-3, rtol=1e-6)
-    found = vehicle.measured(short.belief, lone)
-    assert not bool(found.present.any())
-    there = vehicle.antenna(belief, lone, vector(0.0)[0])
-    assert torch.isfinite(there.velocity).all()
-
-
-def test_a_model_that_needs_the_acceleration_says_so() -> None:
-    vehicle = RissVehicle(RISS["arm"])
-    sample = RissSample(*(x[-1] for x in riss_samples()))
-    with pytest.raises(ConfigError, match="forward acceleration"):
-        vehicle.one_sample(sample)
-
-
 def test_an_open_loop_is_refused() -> None:
     with pytest.raises(ConfigError, match="fed back"):
         RissVehicle(EkfOptions(feedback="open"))
