@@ -22,7 +22,6 @@ class RangeErrorOptions:
             residuals, ``decay`` predicts a Gauss–Markov process in white noise, ``none`` nothing.
         inputs: Names of :data:`navlearn.learning.range_residuals.CHANNELS` and of ``HELD`` there;
             the other structures have none.
-        target: ``residual`` or ``left_out``.
         min_satellites: Fewest satellites tracked for a residual to be learned from; with fewer
             the model acts.
         shared: Whether one model is fitted to all satellites, or one to each.
@@ -46,7 +45,6 @@ class RangeErrorOptions:
 
     structure: str = "pci"
     inputs: tuple[str, ...] = ("elevation", "cn0")
-    target: str = "residual"
     min_satellites: int = 5
     shared: bool = False
     window_s: float = 300.0
@@ -104,7 +102,6 @@ class RangeErrorOptions:
         seen = tuple(name for name in self.inputs if name not in HELD) if learns else ()
         return ResidualOptions(
             inputs=seen,
-            target=self.target,
             min_satellites=self.min_satellites,
             step=self.step_s,
         )

@@ -32,7 +32,6 @@ class RangeRecord(NamedTuple):
         reception: Which of the filter's receptions each is, int64, shape (R,).
         taken: Whether the filter took the pseudorange, bool.
         residual: Measured minus what the belief after the update says, m.
-        left_out: Measured minus what it would say without this satellite's pseudorange, m.
         innovation: Measured minus what the belief before the update says, m.
         spread: Standard deviation that the filter gives its innovation, m.
         predicted: Pseudorange as predicted before the update, m.
@@ -46,7 +45,6 @@ class RangeRecord(NamedTuple):
     reception: Tensor
     taken: Tensor
     residual: Tensor
-    left_out: Tensor
     innovation: Tensor
     spread: Tensor
     predicted: Tensor
@@ -83,7 +81,6 @@ def range_record(history: TightHistory, ranges: SatelliteRanges, t: Tensor) -> R
 
     position, velocity = _motion(history.trajectory, history.end[block])
     seen = sight(*position, ranges.satellite[reception])
-    rows = sight_rows(seen.unit, history, ranges.system)
     verdict = history.verdict[block][:, :slots]
     taken = heard & ((verdict == TOOK_PART[0]) | (verdict == TOOK_PART[1]))
     along = (seen.unit * velocity.unsqueeze(-2)).sum(-1)
@@ -92,7 +89,6 @@ def range_record(history: TightHistory, ranges: SatelliteRanges, t: Tensor) -> R
         reception=reception,
         taken=taken,
         residual=of(history.residual[block]),
-        left_out=of(left_out_residual(history, block, rows, taken)),
         innovation=of(history.innovation[block]),
         spread=of(history.spread[block].clamp(min=0.0).sqrt()),
         predicted=of(ranges.pseudorange[reception] - history.innovation[block]),
@@ -111,52 +107,6 @@ def joined(before: RangeRecord, after: RangeRecord) -> RangeRecord:
         after: The later, of the same satellites.
     """
     return RangeRecord(*(torch.cat(pair) for pair in zip(before, after, strict=True)))
-
-
-def sight_rows(unit: Tensor, history: TightHistory, system: Tensor) -> Tensor:
-    """Return how a predicted pseudorange answers to the error states, shape (R, S, n).
-
-    What the lever arm's turning adds is left out: centimetres.
-
-    Args:
-        unit: Unit vectors from car to satellite, ENU, shape (R, S, 3).
-        history: Tells the number of states.
-        system: System of each satellite, int64, shape (S,).
-    """
-    states = history.belief.covariance.shape[-1]
-    clock = states - history.belief.clock.shape[-1]
-    rows = unit.new_zeros((*unit.shape[:-1], states))
-    rows[..., :3] = -unit
-    rows[..., clock] = 1.0
-    further = torch.nonzero(system > 0).squeeze(-1)
-    rows[:, further, clock + 1 + system[further]] = 1.0
-    return rows
-
-
-def left_out_residual(history: TightHistory, block: Tensor, rows: Tensor, taken: Tensor) -> Tensor:
-    """Return residuals against the belief that an update without this one satellite would give.
-
-    For an update with measurements of variance R, residual e and information H P⁺ Hᵀ afterwards,
-    the residual without the i-th measurement is eᵢ Rᵢ / (Rᵢ − (H P⁺ Hᵀ)ᵢᵢ).
-
-    Args:
-        history: History of one drive.
-        block: Blocks, int64, shape (R,).
-        rows: Rows of H, shape (R, S, n).
-        taken: Which satellites took part; the others were left out as it is, bool, shape (R, S).
-
-    Returns:
-        Shape (R, S), m.
-    """
-    residual = history.residual[block]
-
-    def seen(covariance: Tensor) -> Tensor:
-        return ((rows @ covariance) * rows).sum(-1)
-
-    noise = history.spread[block] - seen(history.prior.covariance[block])
-    noise = torch.maximum(noise, 1e-6 * history.spread[block])
-    free = torch.maximum(noise - seen(history.belief.covariance[block]), 1e-3 * noise)
-    return torch.where(taken, residual * noise / free, residual)
 
 
 def _motion(

@@ -33,7 +33,6 @@ HELD: Final[dict[str, tuple[str, str]]] = {
 }
 """Inputs that only exist in an outage; a model with one of them learns from emulated ones."""
 
-TARGETS: Final = ("residual", "left_out")
 LOST_AFTER: Final = 2.5
 """A satellite not received for longer than so many intervals was lost."""
 
@@ -44,14 +43,11 @@ class ResidualOptions:
 
     Attributes:
         inputs: Names of :data:`CHANNELS`.
-        target: ``residual`` against the solution of all satellites, or ``left_out`` against that
-            without the satellite itself.
         min_satellites: Fewest satellites tracked for a target to exist, at least 4.
         step: Length of a row, s; longer where ranges come less often.
     """
 
     inputs: tuple[str, ...] = ("elevation", "cn0")
-    target: str = "residual"
     min_satellites: int = 5
     step: float = 1.0
 
@@ -61,10 +57,6 @@ class ResidualOptions:
                 raise ConfigError(
                     f"range residuals: unknown input {name!r}; known: {', '.join(CHANNELS)}"
                 )
-        if self.target not in TARGETS:
-            raise ConfigError(
-                f"range residuals: target is {self.target!r}; choose one of {', '.join(TARGETS)}"
-            )
         if self.min_satellites < 4:
             raise ConfigError(
                 f"range residuals: min_satellites is {self.min_satellites}; with fewer than 4 "
@@ -106,7 +98,7 @@ def residual_series(record: RangeRecord, start: float, options: ResidualOptions)
     known = record.t < start
     full = record.taken.sum(-1) >= options.min_satellites
     learnt = (known & full).unsqueeze(-1) & record.taken
-    target = torch.where(learnt, getattr(record, options.target), torch.nan)
+    target = torch.where(learnt, record.residual, torch.nan)
     rows = max(int(row.max()) + 1 if len(row) else 0, origin)
     channels = [_FOUND[name](record) for name in options.inputs]
     inputs = (

@@ -44,8 +44,6 @@ class RangeErrorSpec(SpecBase):
             off; these have no inputs.
         inputs: Names of :data:`navlearn.learning.range_residuals.CHANNELS`, or of ``HELD`` there:
             a model with one of those learns from emulated outages within its window.
-        target: ``residual`` against the solution of all satellites, or ``left_out`` against that
-            without the satellite itself.
         min_satellites: So many satellites must be tracked for a residual to be learned from; the
             model acts where fewer stay visible.
         shared: Whether all satellites share a model, or each has its own.
@@ -75,7 +73,6 @@ class RangeErrorSpec(SpecBase):
     safeguard: SafeguardSpec = SafeguardSpec(output_limit=3.0, gate_margin=MARGIN)
     structure: Literal["pci", "fos", "anarx", "held", "decay", "none"]
     inputs: tuple[str, ...] = ("elevation", "cn0")
-    target: Literal["residual", "left_out"] = "residual"
     min_satellites: Annotated[int, Field(ge=4)] = 5
     shared: bool = False
     window_s: Positive = 300.0
@@ -118,7 +115,6 @@ class RangeErrorSpec(SpecBase):
         return RangeErrorOptions(
             structure=self.structure,
             inputs=self.inputs,
-            target=self.target,
             min_satellites=self.min_satellites,
             shared=self.shared,
             window_s=self.window_s,
