@@ -101,10 +101,9 @@ class TightFilterRuns:
         """
         line = self._line(log)
         series = range_series(log, line)
-        # an interval that ends at the start still lies before it, a reception there does not
-        first = int(torch.searchsorted(line.t, outage.start + 1e-9))
-        navigator, run = self._run(log, line, series, first, outage.start)
-        later = series.t >= outage.start
+        first = _first_after(line, series, outage)
+        navigator, run = self._run(log, line, series, first)
+        later = series.timing.index >= first
         samples = line.samples
         if isinstance(samples, ImuSample):
             samples = confirmed_standstill(samples, line.fixes, line.timing)
@@ -131,10 +130,9 @@ class TightFilterRuns:
         line: Line,
         series: RangeSeries,
         last: int,
-        until: float = np.inf,
     ) -> tuple[TightNavigator, TightNavigatorRun]:
         """Return navigator and run over the first intervals of a log."""
-        early, heard = line.fix_time < until, series.t < until
+        early, heard = line.timing.index < last, series.timing.index < last
         samples = type(line.samples)(*(channel[:last] for channel in line.samples))
         fixes = GnssFix(*(channel[early] for channel in line.fixes))
         fix_timing = FixTiming(*(channel[early] for channel in line.timing))
@@ -157,6 +155,14 @@ class TightFilterRuns:
             )
             self._made[key] = (navigator, run)
         return self._made[key]
+
+
+def _first_after(line: Line, series: RangeSeries, outage: Outage) -> int:
+    """Return the first interval that depends on which satellites stay."""
+    first = int(torch.searchsorted(line.t, outage.start - 1e-9))
+    # a reception soon after the start may be used at the end of an interval before it
+    touched = series.timing.index[series.t >= outage.start]
+    return min(first, int(touched.min())) if len(touched) else first
 
 
 def receptions(ranges: SatelliteRanges, chosen: torch.Tensor) -> SatelliteRanges:

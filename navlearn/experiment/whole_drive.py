@@ -6,11 +6,13 @@ apart; what a canyon is depends on what is received, never on errors.
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Final
 
 import numpy as np
 import pandas as pd
 
+from navlearn.errors import ConfigError
 from navlearn.experiment.baselines import FilterRuns
 from navlearn.experiment.ins_filter_runs import InsFilterRuns
 from navlearn.experiment.range_fixes import with_fixes
@@ -19,7 +21,10 @@ from navlearn.experiment.tight_filter_runs import TightFilterRuns
 from navlearn.logs.drive_log import DriveLog
 from navlearn.outages.schedule import Outage
 from navlearn.outages.track import enu_metres, track_of
-from navlearn.recipe import Recipe
+from navlearn.recipe import Recipe, load_recipe
+from navlearn.recipe.log_section import LogSource
+from navlearn.recipe.sweep import is_sweep, load_sweep
+from navlearn.recipe.swept_drives import RecordedDrives
 from navlearn.states import InsState
 
 OPEN_SKY: Final = 6
@@ -61,6 +66,29 @@ def whole_drive(log: DriveLog, recipe: Recipe) -> pd.DataFrame:
         horizontal=np.hypot(errors["east"], errors["north"]),
         canyon=in_canyon(log, errors["t"].to_numpy()),
     )
+
+
+def recorded_drives(path: Path, log: Path | None = None) -> list[Recipe]:
+    """Return one recipe per drive of a recipe, or of a sweep over recorded drives.
+
+    Args:
+        path: The recipe's file.
+        log: Descriptor of another log; None takes the recipe's own.
+
+    Raises:
+        ConfigError: The drives of a sweep are simulated.
+    """
+    if not is_sweep(path):
+        one, logs = load_recipe(path), []
+    else:
+        sweep = load_sweep(path)
+        if not isinstance(sweep.sweep, RecordedDrives):
+            raise ConfigError(f"{path}: its drives are simulated; give a recipe of recorded drives")
+        one = sweep.for_drive(sweep.name, sweep.sweep.durations_s[0], sweep.sweep.grades[0])
+        logs = [sweep.sweep.source(number) for number in sweep.sweep.seeds]
+    if log is not None:
+        logs = [LogSource(descriptor=log)]
+    return [one.model_copy(update={"log": source}) for source in logs] or [one]
 
 
 def summary(errors: pd.DataFrame) -> pd.DataFrame:

@@ -185,7 +185,8 @@ class TightEkf(nn.Module):
             Belief after the update, errors fed back.
         """
         late = torch.zeros_like(samples.dt[:, 0]) if delay is None else delay
-        reception = Reception(usable(self.options, ranges), late, samples.dt.sum(-1))
+        elapsed = samples.dt.sum(-1)
+        reception = Reception(usable(self.options, ranges), late, elapsed, elapsed)
         heard, places = packed_reception(reception)
         block = self._block(samples)
         return updated(self.model, belief, block, heard, places, self.noise).belief

@@ -89,7 +89,7 @@ def variance_in_series(found: Measured, reception: Reception, noise: TightNoise)
     Returns:
         Shape (..., 2 S).
     """
-    ranges, since = reception.ranges, reception.elapsed.unsqueeze(-1)
+    ranges, since = reception.ranges, reception.since.unsqueeze(-1)
     series = range_variance(noise.range, ranges.elevation, ranges.cn0, ranges.std_range, since)
     count = series.shape[-1]
     there = found.present[..., :count] > 0.5

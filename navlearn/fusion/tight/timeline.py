@@ -24,11 +24,13 @@ class Reception(NamedTuple):
         ranges: Ranges; none may be used where a block ends without a reception.
         delay: End of the block minus the time of reception, s, shape (...).
         elapsed: Length of the block, s, shape (...).
+        since: Time since the reception before, s, shape (...).
     """
 
     ranges: SatelliteRanges
     delay: Tensor
     elapsed: Tensor
+    since: Tensor
 
 
 class TightLine(NamedTuple):
@@ -66,7 +68,22 @@ def tight_timeline(
     blocks = line.blocks
     elapsed = (gathered(samples.dt, blocks.gather) * blocks.used).sum(-1)
     received = ranges_at_ends(blocks, usable(model.options, ranges))
-    return TightLine(line, Reception(received, line.delay, elapsed))
+    since = _since_reception(elapsed, blocks.fix >= 0)
+    return TightLine(line, Reception(received, line.delay, elapsed, since))
+
+
+@torch.no_grad()
+def _since_reception(elapsed: Tensor, received: Tensor) -> Tensor:
+    """Return how long before the end of each block the reception before it was, s, shape (B, K).
+
+    The first reception lies as far from one before as the later ones lie apart.
+    """
+    end = torch.cumsum(elapsed, 1)
+    latest = torch.cummax(torch.where(received, end, -torch.inf), 1).values
+    before = torch.nn.functional.pad(latest[:, :-1], (1, 0), value=-torch.inf)
+    since = end - before
+    apart = torch.where(received & since.isfinite(), since, torch.nan).nanmedian(1, True).values
+    return torch.where(since.isfinite(), since, apart.nan_to_num(torch.inf))
 
 
 def with_system_each(ranges: SatelliteRanges) -> SatelliteRanges:

@@ -253,7 +253,7 @@ def test_places_hold_what_is_received() -> None:
     ranges = SatelliteRanges(
         vector, vector, number, number, one, one, one, one, one.long(), has, 0.0 * has
     )
-    packed, places = packed_reception(Reception(ranges, one[..., 0], one[..., 0]))
+    packed, places = packed_reception(Reception(ranges, *[one[..., 0]] * 3))
     most = int(has.sum(-1).max())
     assert packed.ranges.has_range.shape == (2, 5, most)
     assert packed.ranges.satellite.shape == (2, 5, most, 3)

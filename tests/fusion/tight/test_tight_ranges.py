@@ -14,7 +14,7 @@ from navlearn.fusion.tight.clock import advanced_clock, clock_names, clock_noise
 from navlearn.fusion.tight.noise import log_tight_noise, tight_noise_from_log
 from navlearn.fusion.tight.options import TightEkfOptions
 from navlearn.fusion.tight.ranges import measured_ranges, with_surprise
-from navlearn.fusion.tight.timeline import Reception, usable
+from navlearn.fusion.tight.timeline import Reception, _since_reception, usable
 from navlearn.fusion.tight.vehicle import Antenna
 from navlearn.gnss.range_noise import range_variance
 from navlearn.states import SatelliteRanges
@@ -43,7 +43,9 @@ def reception(make_ranges: Any, make_car: Any, delay: float = 0.0) -> Reception:
     time, one = vector(30.0), torch.ones(1, 1, dtype=torch.float64)
     ranges = make_ranges(car, time, 800.0 * one, 55.0 * one, offsets=(0.0, 20.0, -30.0))
     one_time = SatelliteRanges(*(x[0, 0] for x in ranges))
-    return Reception(one_time, vector(delay).squeeze(), vector(1.0).squeeze())
+    return Reception(
+        one_time, vector(delay).squeeze(), vector(1.0).squeeze(), vector(1.0).squeeze()
+    )
 
 
 def test_ranges_and_rates_of_inertial_axes(
@@ -99,7 +101,10 @@ def test_rate_is_the_change_of_the_way_of_light() -> None:
     still = antenna(torch.zeros(6, dtype=torch.float64), zero[0])
     still = still._replace(velocity=torch.zeros(3, dtype=torch.float64))
     found = measured_ranges(
-        still, torch.zeros(2, dtype=torch.float64), Reception(ranges, zero[0], one[0]), NOISE
+        still,
+        torch.zeros(2, dtype=torch.float64),
+        Reception(ranges, zero[0], one[0], one[0]),
+        NOISE,
     )
     rate = (way(0.05)[0] - way(-0.05)[0]) / 0.1
     assert float(found.innovation[0]) == pytest.approx(-way(0.0)[0], abs=1e-6)
@@ -167,7 +172,7 @@ def test_what_is_not_measured_leaves_no_trace(
     clean = usable(TightEkfOptions(), SatelliteRanges(*leaves))
     clock = vector(800.0, 55.0, 20.0, -30.0).requires_grad_()
     found = measured_ranges(
-        antenna(correction, seen.delay), clock, Reception(clean, seen.delay, seen.elapsed), NOISE
+        antenna(correction, seen.delay), clock, Reception(clean, *seen[1:]), NOISE
     )
     assert bool(torch.isfinite(found.innovation).all())
     assert float(found.observation[0].detach().abs().max()) == 0.0
@@ -225,3 +230,12 @@ def test_the_clock_is_discretised_exactly() -> None:
     twice = clock_transition(vector(1.0), 3) @ clock_noise(vector(1.0), 3, NOISE)
     twice = twice @ clock_transition(vector(1.0), 3).mT + clock_noise(vector(1.0), 3, NOISE)
     torch.testing.assert_close(clock_noise(vector(2.0), 3, NOISE), twice)
+
+
+def test_what_a_reception_counts_for_depends_on_the_one_before() -> None:
+    elapsed = torch.tensor([[1.0, 0.1, 0.9, 1.0, 3.0], [0.1, 1.0, 2.0, 0.5, 0.5]]).double()
+    heard = torch.tensor([[True, False, True, True, False], [False, False, True, False, False]])
+    since = _since_reception(elapsed, heard)
+    assert since[0].tolist() == pytest.approx([1.0, 0.1, 1.0, 1.0, 3.0])
+    # a lone reception stands for itself
+    assert since[1].tolist() == pytest.approx([math.inf, math.inf, math.inf, 0.5, 1.0])
