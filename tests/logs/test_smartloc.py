@@ -108,6 +108,11 @@ def test_the_ground_truth_is_optional(drive):
         ([*odometry(), "range3 0 2e7 25 1 2 3"], "line 5: range3 with 6 numbers, expected 10"),
         ([*odometry(), *ranges(t=["x"])], "line 5: pseudorange3: could not convert .*'x'"),
         ([*odometry(), *ranges(glonass=3.5)], "satellite 3.5 of system 4; known systems are 1"),
+        ([*odometry(), *ranges(glonass="nan")], "satellite nan of system 4; known systems are 1"),
+        (
+            [*odometry(), "range3 0 2e7 25 26000000 0 0 3 inf 50 40"],
+            "pseudorange3 of satellite 3 of system inf",
+        ),
         (
             [*odometry(), "range3 0 2e7 -1 26000000 0 0 3 1 50 40"],
             "pseudorange3 at 0 s has a negative variance",

@@ -148,8 +148,8 @@ def _satellite(file: Path, system: float, number: float) -> str:
     GLONASS satellites are numbered from 301 by the receiver and from 33, behind those of GPS, by
     RTKLIB; SBAS from 120 and QZSS from 193 as they broadcast.
     """
-    letter = SYSTEMS.get(int(system)) if system == int(system) else None
-    if letter is None or number != int(number) or number < 1.0:
+    letter = SYSTEMS.get(int(system)) if system.is_integer() else None
+    if letter is None or not number.is_integer() or number < 1.0:
         known = ", ".join(f"{code} ({name})" for code, name in SYSTEMS.items())
         raise LogError(
             f"{file.name}: pseudorange3 of satellite {number:g} of system {system:g}; known "
