@@ -51,7 +51,7 @@ REFERENCE: Final[dict[str, str]] = {
 
 RANGES: Final[dict[str, str]] = {
     "satellite": "text: constellation by its RINEX letter (G GPS, R GLONASS, E Galileo, C BeiDou, "
-    "J QZSS, S SBAS) and number, such as G07",
+    "J QZSS, S SBAS, I NavIC) and number of two digits or more, such as G07",
     "pseudorange": "code pseudorange on the receiver's clock, m",
     "range_rate": "rate of the pseudorange by Doppler, m/s, positive when moving apart",
     "cn0": "carrier-to-noise density, dB-Hz",

@@ -150,7 +150,8 @@ def _require_metres(where: str, pseudorange: npt.NDArray[np.float64]) -> None:
 
 
 def _require_names(where: str, satellite: "pd.Series[str]") -> None:
-    pattern = re.compile(f"[{CONSTELLATIONS}][0-9]{{1,3}}")
+    # of one satellite one name: not G7 beside G07
+    pattern = re.compile(f"[{CONSTELLATIONS}](0[1-9]|[1-9][0-9]{{1,2}})")
     # a missing name is no text, even in a column of texts
     known = [name for name in satellite.dropna().unique() if pattern.fullmatch(name)]
     wrong = ~satellite.isin(known).to_numpy(dtype=bool)
@@ -158,5 +159,6 @@ def _require_names(where: str, satellite: "pd.Series[str]") -> None:
         row = int(np.argmax(wrong))
         raise LogError(
             f"{where}: satellite is {satellite.iloc[row]!r} at row {row + 1}; expected the RINEX "
-            f"letter of its constellation ({CONSTELLATIONS}) and a number, such as G07"
+            f"letter of its constellation ({CONSTELLATIONS}) and a number of two digits or more, "
+            "such as G07"
         )
