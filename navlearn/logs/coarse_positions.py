@@ -12,7 +12,7 @@ import pandas as pd
 import torch
 from torch import Tensor
 
-from navlearn.gnss.single_point import Reason, single_point
+from navlearn.gnss.single_point import Reason, SinglePoint, single_point
 from navlearn.gnss.single_point_options import SinglePointOptions
 from navlearn.logs.interval_means import FloatArray
 from navlearn.states import SatelliteRanges
@@ -21,6 +21,9 @@ IntArray = npt.NDArray[np.int64]
 
 EVERY: Final = 10.0
 """Ranges are solved anew this often, s: a car gets no further than satellites notice."""
+
+_FARTHEST_OFF: Final = 500.0
+"""Delays and streets leave no larger residual; what does is a range that is wrong, m."""
 
 
 class Coarse(NamedTuple):
@@ -70,13 +73,19 @@ def coarse_from_ranges(
     ranges = _seen_anyhow(satellite[kept], pseudorange[kept], has[kept], system)
     with torch.no_grad():
         found = single_point(ranges, SinglePointOptions(elevation_mask=0.0))
-    # delays are still in the ranges: that they do not fit to metres says nothing here
-    fine = found.ok | (found.reason == Reason.INCONSISTENT)
-    believed = fine.numpy()
+    believed = (found.ok | _nearly_consistent(found)).numpy()
     return Coarse(
         t[chosen][believed],
         *(part.numpy()[believed] for part in (found.lat, found.lon, found.height)),
     )
+
+
+def _nearly_consistent(found: SinglePoint) -> Tensor:
+    # delays are still in the ranges: that they do not fit to metres says nothing here
+    off = (found.used * found.residual).abs().amax(-1)
+    low, high = SinglePointOptions().heights
+    near: Tensor = (found.reason == Reason.INCONSISTENT) & (off < _FARTHEST_OFF)
+    return near & (found.height > low) & (found.height < high)
 
 
 def latest(coarse: Coarse, t: FloatArray) -> tuple[FloatArray, Coarse]:

@@ -210,6 +210,19 @@ def test_a_wild_range_does_not_move_the_receiver_far():
     assert (found.ranges.elevation - truth).abs().max() < 1e-4
 
 
+@pytest.mark.parametrize("wild", [{"G02": 3e6}, {"G02": 3e6, "G07": 2e6, "R03": -4e6}])
+def test_a_place_that_wild_ranges_make_up_is_not_believed(wild):
+    # one satellite to spare: a fault can be seen, and not be found
+    sky = {name: place for name, place in SKY.items() if name != "G30"}
+    frame = table(np.arange(0.0, 40.0), sky, offset=0.0)
+    broken = frame["t"].between(10.0, 19.5)
+    for name, off in wild.items():
+        frame.loc[broken & (frame["satellite"] == name), "pseudorange"] += off
+    found = series(frame)
+    truth = [sky[name][0] for name in found.satellites]
+    np.testing.assert_allclose(found.ranges.elevation[15].rad2deg(), truth, atol=0.3)
+
+
 def test_options_choose_satellites():
     frame = table([1.0, 1.04, 2.0])
     found = series(frame, options=RangeOptions(systems="R"))
