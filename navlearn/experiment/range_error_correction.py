@@ -59,7 +59,9 @@ def corrected(
     errors = predict_range_errors(series, visible, options, source)
     rows = series.row[len(before.t) :] - series.origin
     correction = torch.zeros_like(ranges.pseudorange)
-    correction[after.reception] = errors.error[rows]
+    # where receptions come faster than samples one before the start may be among them
+    inside = after.t >= start
+    correction[after.reception[inside]] = errors.error[rows[inside]]
     less = ranges._replace(pseudorange=ranges.pseudorange - correction)
     if spec.wider_m > 0.0:
         wider = torch.hypot(ranges.std_range, torch.tensor(spec.wider_m).to(correction))

@@ -42,14 +42,13 @@ class Past(NamedTuple):
     record: RangeRecord
 
 
-def past_of(start: TightStart, since: float) -> Past:
+def past_of(start: TightStart) -> Past:
     """Return what came before an outage.
 
     Args:
         start: The run up to the outage's start.
-        since: The outage's start, s.
     """
-    early = start.series.t < since
+    early = torch.arange(len(start.series.t)) < len(start.series.t) - len(start.received)
     heard = heard_before(
         start.run,
         receptions(start.series.ranges, early),

@@ -64,9 +64,8 @@ class RangeErrorMethod:
         visible = torch.tensor([name in outage.satellites_visible for name in names])
         try:
             solved_by(self.spec, visible)
-            past = past_of(start, outage.start)
-            t = start.series.t[start.series.t >= outage.start]
-            after = range_record(plain, start.ranges, t)
+            past = past_of(start)
+            after = range_record(plain, start.ranges, start.received)
             found = corrected(
                 past.record,
                 after,

@@ -57,6 +57,11 @@ class TightStart(NamedTuple):
     timing: FixTiming
     t: torch.Tensor
 
+    @property
+    def received(self) -> torch.Tensor:
+        """When the receptions of ``ranges`` were, s, shape (M,)."""
+        return self.series.t[len(self.series.t) - len(self.timing.index) :]
+
     def through(self, ranges: SatelliteRanges | None = None) -> TightHistory:
         """Return the filter's run from the start on.
 
@@ -158,11 +163,18 @@ class TightFilterRuns:
 
 
 def _first_after(line: Line, series: RangeSeries, outage: Outage) -> int:
-    """Return the first interval that depends on which satellites stay."""
+    """Return the first interval that depends on which satellites stay.
+
+    A reception is used at the nearest end of an interval: one soon after the start perhaps at an
+    end before it, which then belongs to the outage, and one just before the start perhaps at an
+    end after it, which then does not.
+    """
     first = int(torch.searchsorted(line.t, outage.start - 1e-9))
-    # a reception soon after the start may be used at the end of an interval before it
-    touched = series.timing.index[series.t >= outage.start]
-    return min(first, int(touched.min())) if len(touched) else first
+    inside = series.t >= outage.start
+    whole, partial = series.timing.index[~inside], series.timing.index[inside]
+    if len(whole):
+        first = max(first, int(whole[-1]) + 1)
+    return min(first, int(partial[0])) if len(partial) else first
 
 
 def receptions(ranges: SatelliteRanges, chosen: torch.Tensor) -> SatelliteRanges:
