@@ -109,6 +109,10 @@ def _satellites(found: ReceptionSolutions) -> str:
 def fixes_of(found: ReceptionSolutions) -> pd.DataFrame:
     """Return the table of fixes of the receptions that were solved.
 
+    Where the residuals of a reception are larger than was expected of them, deviations are taken
+    to be as much larger: √(χ² / degrees), never below one. With no satellite to spare nothing is
+    known of residuals, and what was expected stands.
+
     Args:
         found: Solutions of all receptions.
 
@@ -116,7 +120,7 @@ def fixes_of(found: ReceptionSolutions) -> pd.DataFrame:
         Columns of :data:`navlearn.logs.columns.FIXES`; velocities only where there are some.
     """
     points, velocities = found.points, found.velocities
-    deviation = points.covariance.diagonal(dim1=-2, dim2=-1).sqrt()
+    deviation = points.covariance.diagonal(dim1=-2, dim2=-1).sqrt() * _larger(points)
     columns = {
         "t": found.series.t,
         "lat": points.lat,
@@ -130,8 +134,15 @@ def fixes_of(found: ReceptionSolutions) -> pd.DataFrame:
     for axis, name in enumerate(("std_e", "std_n", "std_u")):
         columns[name] = deviation[:, axis]
     if bool(told.any()):
-        level = velocities.covariance.diagonal(dim1=-2, dim2=-1)[:, :2].mean(-1).sqrt()
+        level = velocities.covariance.diagonal(dim1=-2, dim2=-1)[:, :2].mean(-1, keepdim=True)
+        level = (level.sqrt() * _larger(velocities)).squeeze(-1)
         columns["std_v"] = torch.where(told, level, torch.nan)
     columns["satellites"] = points.satellites.double()
     kept = points.ok
     return pd.DataFrame({name: value[kept].numpy() for name, value in columns.items()})
+
+
+def _larger(found: SinglePoint | RangeRateVelocity) -> torch.Tensor:
+    """Return by how much residuals are larger than expected, at least 1, shape (M, 1)."""
+    factor = torch.where(found.degrees > 0, found.test / found.degrees.clamp_min(1), 1.0)
+    return factor.clamp_min(1.0).sqrt().unsqueeze(-1)

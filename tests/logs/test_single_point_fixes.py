@@ -15,12 +15,14 @@ from navlearn.logs.quality.accuracy import errors_against
 from navlearn.logs.range_layout import RangeOptions
 from navlearn.logs.reading import read_log
 from navlearn.logs.single_point_fixes import (
+    ReceptionSolutions,
     SinglePointFixOptions,
+    fixes_of,
     solve_receptions,
     with_single_point_fixes,
 )
 from navlearn.logs.synthetic import simulate_drive
-from navlearn.logs.synthetic.satellite_options import SatelliteOptions
+from navlearn.logs.synthetic.satellite_options import SatelliteOptions, find_satellites
 from navlearn.logs.validate import validate_log
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -113,3 +115,44 @@ def test_real_drives(name: str, folder: str, median: float, most: float, share: 
     error = np.hypot(east, north)
     assert float(np.nanmedian(error)) < median
     assert float(np.nanquantile(error, 0.95)) < most
+
+
+@pytest.fixture(scope="module")
+def town() -> tuple[DriveLog, ReceptionSolutions]:
+    """A drive among houses, whose ranges err by more than is expected of them."""
+    options = replace(find_satellites("urban"), systems=("G", "R", "E"), fixes="drawn")
+    log = simulate_drive(duration=900.0, seed=13, imu_rate_hz=10.0, satellites=options).log
+    return log, solve_receptions(log)
+
+
+def test_larger_residuals_make_larger_deviations(
+    town: tuple[DriveLog, ReceptionSolutions],
+) -> None:
+    """Written down one reception at a time."""
+    found, fixes = town[1], fixes_of(town[1])
+    for k, row in enumerate(np.flatnonzero(found.points.ok.numpy())):
+        for solved, names in (
+            (found.points, ("std_e", "std_n", "std_u")),
+            (found.velocities, ("std_v",)),
+        ):
+            if not solved.ok[row]:
+                continue
+            test, degrees = float(solved.test[row]), int(solved.degrees[row])
+            variance = solved.covariance[row].diagonal().numpy()
+            if names == ("std_v",):
+                variance = variance[:2].mean()
+            expected = np.sqrt(max(1.0, test / degrees if degrees else 1.0) * variance)
+            np.testing.assert_allclose(fixes.loc[k, list(names)].to_numpy(float), expected)
+
+
+def test_deviations_are_more_honest_by_it(town: tuple[DriveLog, ReceptionSolutions]) -> None:
+    log, found = town
+    fixes = fixes_of(found)
+    _, east, north, _ = errors_against(fixes, log.reference)
+    plain = found.points.covariance[found.points.ok].diagonal(dim1=-2, dim2=-1).sqrt().numpy()
+    off = np.hypot(east / fixes["std_e"], north / fixes["std_n"])
+    beyond = np.mean(off > 2.448)
+    before = np.mean(np.hypot(east / plain[:, 0], north / plain[:, 1]) > 2.448)
+    assert before > 0.04
+    assert beyond < 0.6 * before
+    assert (fixes["std_e"].to_numpy() > plain[:, 0]).mean() < 0.5
