@@ -366,7 +366,27 @@ def test_a_preferred_code(read: Callable[..., RinexRanges]) -> None:
     assert other.table["cn0"][0] == 30.0
     assert other.table["range_rate"][0] == pytest.approx(20.0 * LIGHT / 1575.42e6)
     with pytest.raises(LogError, match=r"no pseudorange of a known code; its header names G C1C"):
-        read(text, codes={"G": ("C9Z",)})
+        read(text, codes={"G": ("C1M",)})
+
+
+def test_codes_of_other_carriers(read: Callable[..., RinexRanges]) -> None:
+    types = {"G": "C2X D2X S2X", "C": "C7I D7I S7I"}
+    text = observations([(NOON, {"G07": (21e6, -10.0, 40.0)})], types=types)
+    with pytest.raises(ConfigError, match=r"codes.G: found C2X; .* L1 or E1 \(C1C"):
+        read(text, codes={"G": ("C1C", "C2X")})
+    with pytest.raises(ConfigError, match=r"codes.C: found C7I; ranges are read of B1I"):
+        read(text, codes={"C": ("C7I",)})
+
+
+def test_observations_that_are_scaled(read: Callable[..., RinexRanges]) -> None:
+    plain, label = observations(usual()), "SYS / SCALE FACTOR"
+    end = f"{'':60}END OF HEADER"
+    same = plain.replace(end, f"{'G    1':60}{label}\n{end}")
+    assert len(read(same).table) == len(read(plain).table)
+    for lines in (["G  100"], ["G    1  1 L1C", "R   10  2 C1C D1C"]):
+        told = "".join(f"{line:60}{label}\n" for line in lines)
+        with pytest.raises(LogError, match=r"observations are scaled \(SYS / SCALE FACTOR"):
+            read(plain.replace(end, told + end))
 
 
 def test_what_was_not_received(read: Callable[..., RinexRanges]) -> None:

@@ -111,6 +111,7 @@ def observation_header(where: str, stream: TextIO, version: int) -> ObservationH
             f"{where}: its header cannot be read ({type(error).__name__}: {error}); it is "
             "truncated or damaged"
         ) from error
+    _refuse_scaled(where, str(header.get("SYS / SCALE FACTOR", "")))
     stated = str(header.get("TIME OF FIRST OBS", ""))[48:51].strip()
     return ObservationHeader(
         version=version,
@@ -118,3 +119,13 @@ def observation_header(where: str, stream: TextIO, version: int) -> ObservationH
         time_system=stated or _OWN_TIME.get(str(header.get("systems")), "GPS"),
         position=tuple(header.get("position", ())),
     )
+
+
+def _refuse_scaled(where: str, told: str) -> None:
+    # lines of 60 columns, with a blank between them; the factor stands in columns 3 to 6
+    factors = {told[start + 2 : start + 6].strip() for start in range(0, len(told), 61)}
+    if factors - {"", "1"}:
+        raise LogError(
+            f"{where}: its observations are scaled (SYS / SCALE FACTOR: {' '.join(told.split())}); "
+            "write them without factors"
+        )

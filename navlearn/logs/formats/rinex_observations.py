@@ -6,6 +6,7 @@ takes a second), and stops at the first event.
 """
 
 import math
+import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -14,7 +15,7 @@ from typing import Final
 
 import pandas as pd
 
-from navlearn.errors import LogError
+from navlearn.errors import ConfigError, LogError
 from navlearn.logs.formats.rinex_header import (
     DAMAGE,
     ObservationHeader,
@@ -73,7 +74,9 @@ def read_observations(path: Path, codes: Mapping[str, Sequence[str]] | None = No
     Raises:
         MissingExtraError: georinex is not installed.
         LogError: It cannot be read, or holds no reception of a known code.
+        ConfigError: A code is of another carrier than L1, E1 or B1I.
     """
+    _refuse_other_carriers(codes or {})
     version = rinex_version(path, "obs")
     counts: Counter[str] = Counter()
     rows: list[Row] = []
@@ -111,6 +114,19 @@ def read_observations(path: Path, codes: Mapping[str, Sequence[str]] | None = No
         position=header.position,
         counts=dict(counts),
     )
+
+
+def _refuse_other_carriers(codes: Mapping[str, Sequence[str]]) -> None:
+    # their Doppler, ionosphere and group delay would be taken for those of L1
+    for letter, wanted in codes.items():
+        on_it = re.compile("C2[A-Z]?|C1I" if letter == "C" else "C1[A-Z]?|P1")
+        other = [code for code in wanted if not on_it.fullmatch(code)]
+        if other:
+            raise ConfigError(
+                f"codes.{letter}: found {', '.join(other)}; ranges are read of "
+                f"{'B1I (C2I and its like)' if letter == 'C' else 'L1 or E1 (C1C and its like)'} "
+                "alone"
+            )
 
 
 def _chosen(
