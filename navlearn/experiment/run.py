@@ -32,6 +32,7 @@ from navlearn.outages.tables import summary_content
 from navlearn.recipe import Recipe
 from navlearn.recipe.fixed_methods import FIXED_METHODS
 from navlearn.recipe.ins_anarx_spec import InsAnarxSpec
+from navlearn.recipe.range_error_spec import RangeErrorSpec
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,7 +66,8 @@ def check_recipe(recipe: Recipe) -> None:
             f"recipe {recipe.name}: {', '.join(coasting)} learns how the filter's own estimate "
             "coasts, which an open loop never takes up; leave ins_filter.feedback closed"
         )
-    names = ", ".join(spec.name for spec in recipe.models if spec not in full)
+    elsewhere = (InsAnarxSpec, RangeErrorSpec)
+    names = ", ".join(spec.name for spec in recipe.models if not isinstance(spec, elsewhere))
     if names and filter_options(recipe).has_velocity_states:
         raise ConfigError(
             f"recipe {recipe.name}: {names} corrects a mechanization, but the filter's model "
@@ -139,6 +141,7 @@ def method_settings(
         "mechanization": recipe.mechanization.model_dump(mode="json"),
         "filter": json.loads(json.dumps(recipe.filter, default=str)),
         "ins_filter": json.loads(json.dumps(recipe.ins_filter, default=str)),
+        "tight": json.loads(json.dumps(recipe.tight, default=str)),
         "clocks": list(notes),
         "seed": recipe.seed,
     }
