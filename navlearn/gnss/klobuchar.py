@@ -45,8 +45,21 @@ def klobuchar_delay(
     x = 2.0 * math.pi * (local_time - 50400.0) / period.clamp_min(72000.0)
     bulge = amplitude.clamp_min(0.0) * (1.0 - x**2 / 2.0 + x**4 / 24.0)
     zenith = 5e-9 + torch.where(torch.abs(x) < 1.57, bulge, torch.zeros_like(bulge))
-    slant = 1.0 + 16.0 * (0.53 - elevation.clamp_min(0.0) / math.pi) ** 3
-    return signals.SPEED_OF_LIGHT * slant * zenith
+    return signals.SPEED_OF_LIGHT * ionosphere_obliquity(elevation.clamp_min(0.0)) * zenith
+
+
+def ionosphere_obliquity(elevation: Tensor) -> Tensor:
+    """Return how much longer a signal's way through the ionosphere is than from the zenith.
+
+    [ISGPS200] figure 20-4.
+
+    Args:
+        elevation: Elevation, not negative, rad, shape (...).
+
+    Returns:
+        Factor of one and more, shape (...).
+    """
+    return 1.0 + 16.0 * (0.53 - elevation / math.pi) ** 3
 
 
 def _pierced(

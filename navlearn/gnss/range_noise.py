@@ -16,6 +16,8 @@ import torch
 from torch import Tensor
 
 from navlearn.errors import ConfigError
+from navlearn.gnss.klobuchar import ionosphere_obliquity
+from navlearn.gnss.troposphere import slant_factor
 
 CN0_OF_FIGURES = 45.0
 """C/N0 at which the options state thermal noise, dB-Hz: an open sky."""
@@ -152,7 +154,7 @@ def range_variance(
     height = elevation.clamp_min(LOWEST)
     sine = torch.sin(height)
     ionosphere = noise.ionosphere * ionosphere_obliquity(height)
-    troposphere = noise.troposphere * troposphere_mapping(height)
+    troposphere = noise.troposphere * slant_factor(height)
     tracking = _tracking(noise.thermal, noise.told_factor, cn0, std_told)
     multipath = (noise.multipath / sine) ** 2
     if since is not None:
@@ -176,34 +178,6 @@ def rate_variance(noise: RangeNoise, elevation: Tensor, cn0: Tensor, std_told: T
     sine = torch.sin(elevation.clamp_min(LOWEST))
     tracking = _tracking(noise.rate_thermal, noise.rate_told_factor, cn0, std_told)
     return noise.rate_floor**2 + (noise.rate_multipath / sine) ** 2 + tracking
-
-
-def ionosphere_obliquity(elevation: Tensor) -> Tensor:
-    """Return how much longer a signal's way through the ionosphere is than from the zenith.
-
-    [ISGPS200] Fig. 20-4.
-
-    Args:
-        elevation: Elevation, rad, shape (...).
-
-    Returns:
-        Factor of one and more, shape (...).
-    """
-    return 1.0 + 16.0 * (0.53 - elevation / math.pi) ** 3
-
-
-def troposphere_mapping(elevation: Tensor) -> Tensor:
-    """Return how much longer a signal's way through the troposphere is than from the zenith.
-
-    [RTCA2016] §A.4.2.4.
-
-    Args:
-        elevation: Elevation, rad, shape (...).
-
-    Returns:
-        Factor of one and more, shape (...).
-    """
-    return 1.001 / torch.sqrt(0.002001 + torch.sin(elevation) ** 2)
 
 
 def _tracking(thermal: Tensor, told_factor: Tensor, cn0: Tensor, std_told: Tensor) -> Tensor:

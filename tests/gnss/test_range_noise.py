@@ -8,17 +8,17 @@ import torch
 from scipy.signal import lfilter
 
 from navlearn.errors import ConfigError
+from navlearn.gnss.klobuchar import ionosphere_obliquity
 from navlearn.gnss.range_noise import (
     RangeNoise,
     RangeNoiseOptions,
-    ionosphere_obliquity,
     log_range_noise,
     range_noise,
     range_noise_from_log,
     range_variance,
     rate_variance,
-    troposphere_mapping,
 )
+from navlearn.gnss.troposphere import slant_factor
 
 SILENT = {entry.name: 0.0 for entry in dataclasses.fields(RangeNoiseOptions)}
 
@@ -70,7 +70,7 @@ def test_obliquity_at_zenith_and_horizon() -> None:
 def test_mapping_near_the_cosecant() -> None:
     elevation = double(math.pi / 2, math.radians(30.0), math.radians(15.0))
     torch.testing.assert_close(
-        troposphere_mapping(elevation), 1.0 / torch.sin(elevation), rtol=0.02, atol=0.0
+        slant_factor(elevation), 1.0 / torch.sin(elevation), rtol=0.02, atol=0.0
     )
 
 

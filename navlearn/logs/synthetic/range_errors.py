@@ -1,8 +1,8 @@
 """The error of every pseudorange and range rate, by its parts.
 
 What broadcast models leave of ionosphere and troposphere moves over tens of minutes and grows
-towards the horizon, with the obliquity and the mapping of
-:mod:`navlearn.gnss.range_noise`; orbit and clock as broadcast move as slowly. Multipath of the
+towards the horizon, with the obliquity of :mod:`navlearn.gnss.klobuchar` and the mapping of
+:mod:`navlearn.gnss.troposphere`; orbit and clock as broadcast move as slowly. Multipath of the
 code moves over seconds, slower when the car stands. Thermal noise is white and follows C/N0.
 """
 
@@ -13,12 +13,9 @@ import numpy as np
 import torch
 from scipy.signal import lfilter
 
-from navlearn.gnss.range_noise import (
-    CN0_OF_FIGURES,
-    LOWEST,
-    ionosphere_obliquity,
-    troposphere_mapping,
-)
+from navlearn.gnss.klobuchar import ionosphere_obliquity
+from navlearn.gnss.range_noise import CN0_OF_FIGURES, LOWEST
+from navlearn.gnss.troposphere import slant_factor
 from navlearn.logs.synthetic.draws import Array, gauss_markov, generator
 from navlearn.logs.synthetic.reflections import Reflections
 from navlearn.logs.synthetic.satellite_options import SatelliteOptions
@@ -116,7 +113,7 @@ def range_errors(
         troposphere=_process(
             count, options.troposphere, options.troposphere_time, dt, seed, "troposphere"
         )[:, None]
-        * troposphere_mapping(height).numpy(),
+        * slant_factor(height).numpy(),
         orbit=_processes(names, count, options.orbit, options.orbit_time, dt, seed, "orbit"),
         multipath=multipath(names, elevation, speed, dt, options=options, seed=seed),
         reflection=reflected.detour,
