@@ -29,6 +29,15 @@ LATEST_GPS: Final = 1.0e10
 """GPS time counts no further, s: the year 2296."""
 
 
+def is_satellite(name: str) -> bool:
+    """Tell whether a text names a satellite; of each there is one name, not G7 beside G07.
+
+    Args:
+        name: Text.
+    """
+    return re.fullmatch(f"[{CONSTELLATIONS}](0[1-9]|[1-9][0-9]{{1,2}})", name) is not None
+
+
 def checked_ranges(where: str, ranges: pd.DataFrame) -> pd.DataFrame:
     """Return a table of ranges, or refuse it.
 
@@ -150,10 +159,8 @@ def _require_metres(where: str, pseudorange: npt.NDArray[np.float64]) -> None:
 
 
 def _require_names(where: str, satellite: "pd.Series[str]") -> None:
-    # of one satellite one name: not G7 beside G07
-    pattern = re.compile(f"[{CONSTELLATIONS}](0[1-9]|[1-9][0-9]{{1,2}})")
     # a missing name is no text, even in a column of texts
-    known = [name for name in satellite.dropna().unique() if pattern.fullmatch(name)]
+    known = [name for name in satellite.dropna().unique() if is_satellite(name)]
     wrong = ~satellite.isin(known).to_numpy(dtype=bool)
     if wrong.any():
         row = int(np.argmax(wrong))

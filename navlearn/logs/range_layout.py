@@ -1,5 +1,6 @@
 """A long table of ranges as a row per reception and a slot per satellite."""
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -10,7 +11,7 @@ from torch import Tensor
 
 from navlearn.errors import ConfigError
 from navlearn.logs.interval_means import FloatArray
-from navlearn.logs.range_checks import CONSTELLATIONS
+from navlearn.logs.range_checks import CONSTELLATIONS, is_satellite
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,19 +27,33 @@ class RangeOptions:
     """
 
     systems: str | None = None
-    least_elevation: float = np.deg2rad(5.0)
+    least_elevation: float = math.radians(5.0)
     least_cn0: float = 0.0
     without: tuple[str, ...] = ()
     unknown_cn0: float = 45.0
 
     def __post_init__(self) -> None:
-        """Refuse what is no constellation."""
+        """Refuse what has no meaning.
+
+        Raises:
+            ConfigError: A constellation or satellite has no such name, or a limit is none.
+        """
         wrong = sorted(set(self.systems or "") - set(CONSTELLATIONS))
         if wrong or self.systems == "":
             raise ConfigError(
                 f"systems: found {self.systems!r}; expected RINEX letters of {CONSTELLATIONS}, "
                 "such as GE, or None for all"
             )
+        unnamed = [name for name in self.without if not is_satellite(name)]
+        if unnamed:
+            raise ConfigError(f"without: found {unnamed[0]!r}; expected satellites such as G07")
+        if not abs(self.least_elevation) < 0.5 * math.pi:
+            raise ConfigError(
+                f"least_elevation: found {self.least_elevation!r}; expected within ±90°, in rad"
+            )
+        for name in ("least_cn0", "unknown_cn0"):
+            if not math.isfinite(getattr(self, name)):
+                raise ConfigError(f"{name}: found {getattr(self, name)!r}; expected dB-Hz")
 
 
 class DenseRanges(NamedTuple):

@@ -232,8 +232,22 @@ def test_options_choose_satellites():
     # two receptions may be used at the end of one interval
     assert without.timing.index.tolist() == [9, 9, 19]
     np.testing.assert_allclose(without.timing.delay, [0.0, -0.04, 0.0], atol=1e-12)
-    with pytest.raises(ConfigError, match="systems: found 'GX'"):
-        RangeOptions(systems="GX")
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"systems": "GX"}, "systems: found 'GX'"),
+        ({"systems": ""}, "systems: found ''"),
+        ({"without": ("G07", "G7")}, "without: found 'G7'; expected satellites such as G07"),
+        ({"least_elevation": 5.0}, "least_elevation: found 5.0; expected within ±90°, in rad"),
+        ({"least_elevation": math.nan}, "least_elevation: found nan"),
+        ({"unknown_cn0": math.nan}, "unknown_cn0: found nan; expected dB-Hz"),
+    ],
+)
+def test_options_without_meaning(options, said):
+    with pytest.raises(ConfigError, match=said):
+        RangeOptions(**options)
 
 
 def test_no_satellite_at_all_is_no_error():

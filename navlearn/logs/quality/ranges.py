@@ -151,7 +151,7 @@ def _check_refused(part: Part, found: ReceptionSolutions) -> None:
             "ranges",
             f"refused in most receptions: {', '.join(always)}",
             "a satellite that fits the others, now and then refused",
-            "look at its health and ephemeris; leave it out with ranges.without",
+            "look at its health and ephemeris; leave it out with RangeOptions(without=...)",
         )
 
 
