@@ -93,6 +93,7 @@ def replayed(
         RMS horizontal errors with and without the model, m, shape (2, N); outages before which
         nothing could be fitted are left out.
     """
+    noise = start.navigator.options.tight.range_noise
     plain = run_replays(start.navigator, start.run, replays, replays.ranges)
     pseudorange, std = replays.ranges.pseudorange.clone(), replays.ranges.std_range.clone()
     kept = []
@@ -103,7 +104,7 @@ def replayed(
         ranges = one_of(replays.ranges, k)
         after = range_record(one_of(plain, k), ranges, t)
         try:
-            found = corrected(before, after, float(t[0]), ranges, visible, spec)
+            found = corrected(before, after, float(t[0]), ranges, visible, spec, noise)
         except FitError:
             continue
         pseudorange[k], std[k] = found.ranges.pseudorange, found.ranges.std_range

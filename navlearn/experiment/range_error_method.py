@@ -73,6 +73,7 @@ class RangeErrorMethod:
                 start.ranges,
                 visible,
                 self.spec,
+                start.navigator.options.tight.range_noise,
                 logs=(log.metadata.name,),
             )
             verdict = judged(start, past, visible, self.spec)
