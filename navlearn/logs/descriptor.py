@@ -81,7 +81,8 @@ class Descriptor(Strict):
         name: Short name of the log.
         format: Published format.
         path: Folder or file, relative to the descriptor; ``${NAVLEARN_DATA}`` is the
-            environment variable of that name, or ``../../shared/data`` where it is not set.
+            environment variable of that name, relative to the working directory, or
+            ``../../shared/data`` where it is not set.
         license: Licence of the data.
         time_scale: Name of the log's own clock.
         tables: Tables of a ``csv`` log.
@@ -191,7 +192,9 @@ def load_descriptor(path: Path) -> tuple[Descriptor, Path]:
 
 def _resolve(text: str, folder: Path) -> Path:
     default = str(folder / ".." / ".." / "shared" / "data")
-    data = os.environ.get("NAVLEARN_DATA") or default
+    stated = os.environ.get("NAVLEARN_DATA")
+    # as of every path that a user states, relative to where he stands
+    data = str(Path.cwd() / stated) if stated else default
     return (folder / text.replace("${NAVLEARN_DATA}", data)).resolve()
 
 

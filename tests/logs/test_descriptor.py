@@ -35,6 +35,10 @@ def test_data_folder_from_the_environment_or_beside_the_repository(tmp_path, mon
     path = written(tmp_path, path="${NAVLEARN_DATA}/kingston")
     monkeypatch.setenv("NAVLEARN_DATA", "/some/where")
     assert load_descriptor(path)[1] == Path("/some/where/kingston")
+    (tmp_path / "elsewhere" / "deep").mkdir(parents=True)
+    monkeypatch.chdir(tmp_path / "elsewhere" / "deep")
+    monkeypatch.setenv("NAVLEARN_DATA", "../data")
+    assert load_descriptor(path)[1] == tmp_path / "elsewhere" / "data" / "kingston"
     monkeypatch.delenv("NAVLEARN_DATA")
     assert load_descriptor(path)[1] == (tmp_path / "../../shared/data/kingston").resolve()
 
