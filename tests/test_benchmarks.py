@@ -44,6 +44,7 @@ SMALLEST = {
         *("--drift-minutes", "0.2", "--compare-minutes", "0.2"),
     ],
     "satellite_positions": ["--points", "2", "--batch", "50", "--repeats", "1"],
+    "simulated_skies": ["--seeds", "11", "--seconds", "240"],
     "simulator": ["--hours", "0.05"],
     "single_point": ["--logs", "simulated", "--repeat", "1", "--seconds", "60"],
 }
