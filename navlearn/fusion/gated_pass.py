@@ -14,7 +14,8 @@ from torch import Tensor
 from navlearn.filters.chunks import Filtered
 from navlearn.filters.ekf import projected
 from navlearn.filters.scan import LinearSteps, filter_in_parallel
-from navlearn.fusion.gating import Gated, Judged, judged_over_time, nis_by_kind, taken
+from navlearn.fusion.gating import Gated, Judged, nis_by_kind, taken
+from navlearn.fusion.gating_over_time import judged_over_time
 from navlearn.fusion.measurements import Verdict
 from navlearn.fusion.updates import Measured
 

@@ -13,7 +13,8 @@ from torch import Tensor
 
 from navlearn.filters.ekf import projected
 from navlearn.filters.tight_belief import TightBelief, map_tree
-from navlearn.fusion.gating import Judged, judged_over_time, nis_by_kind
+from navlearn.fusion.gating import Judged, nis_by_kind
+from navlearn.fusion.gating_over_time import judged_over_time
 from navlearn.fusion.measurements import Verdict
 from navlearn.fusion.tight.integrity import (
     Hypothesis,

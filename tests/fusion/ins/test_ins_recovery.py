@@ -8,7 +8,8 @@ import pytest
 import torch
 
 from navlearn import attitude
-from navlearn.fusion.gating import judged, judged_over_time
+from navlearn.fusion.gating import judged
+from navlearn.fusion.gating_over_time import judged_over_time
 from navlearn.fusion.ins.layout import state_difference
 from navlearn.fusion.ins.measurements import InsKind
 from navlearn.fusion.ins.model import ins_filter_model
