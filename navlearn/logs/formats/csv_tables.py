@@ -17,10 +17,10 @@ from navlearn.logs.assemble import Published, without_empty_fixes
 from navlearn.logs.columns import TABLES
 from navlearn.logs.descriptor import Descriptor
 from navlearn.logs.formats.epochs import clock_from_epochs
-from navlearn.logs.formats.finding import listing
+from navlearn.logs.formats.finding import existing_file, listing
 from navlearn.logs.formats.nmea import read_nmea
 from navlearn.logs.formats.receiver import on_the_logs_clock, refuse_other_clock
-from navlearn.logs.formats.rinex import RinexRanges, read_rinex
+from navlearn.logs.formats.rinex import RinexRanges, rinex_of_table
 from navlearn.logs.formats.satellite_names import joined_names, satellite_names
 from navlearn.logs.formats.ubx import read_ubx
 from navlearn.logs.local_positions import LOCAL, geodetic_table
@@ -68,7 +68,7 @@ def read_csv_tables(folder: Path, descriptor: Descriptor) -> Published:
     rinex: RinexRanges | None = None
     for name, table in layout.items():
         if name == "ranges" and table.kind == "rinex":
-            rinex = _rinex(folder, table)
+            rinex = rinex_of_table(folder, table)
             tables[name], receiver[name] = rinex.table, dict(rinex.notes)
         elif table.kind == "table":
             frame = _read(folder, name, table)
@@ -145,7 +145,7 @@ def _usual_tables(folder: Path) -> dict[str, Table]:
 
 
 def _read(folder: Path, name: str, layout: Table) -> pd.DataFrame:
-    path = _existing(folder, layout.file)
+    path = existing_file(folder, layout.file)
     frame = read_frame(path)
     if layout.columns is None:
         return _by_name(path.name, name, frame)
@@ -168,28 +168,13 @@ def _read(folder: Path, name: str, layout: Table) -> pd.DataFrame:
     return _on_epochs(path.name, frame, pd.DataFrame(result), layout.epoch)
 
 
-def _rinex(folder: Path, layout: Table) -> RinexRanges:
-    if not layout.navigation:
-        raise ConfigError(
-            "tables.ranges: a RINEX file of ranges tells no orbits; state navigation: the file, or "
-            "files, of what the satellites broadcast"
-        )
-    names = (layout.navigation,) if isinstance(layout.navigation, str) else layout.navigation
-    return read_rinex(
-        _existing(folder, layout.file),
-        [_existing(folder, name) for name in names],
-        codes={str(letter): codes for letter, codes in (layout.codes or {}).items()},
-        clock_start=layout.clock_start,
-    )
-
-
 def _receivers(
     folder: Path, name: str, layout: Table, descriptor: Descriptor
 ) -> tuple[pd.DataFrame, Mapping[str, object]]:
     if name != "fixes" or layout.kind == "rinex":
         gives = "ranges" if layout.kind == "rinex" else "fixes"
         raise ConfigError(f"tables.{name}: a receiver's file ({layout.kind}) gives {gives} alone")
-    path = _existing(folder, layout.file)
+    path = existing_file(folder, layout.file)
     if layout.kind == "ubx":
         found = read_ubx(path)
     else:
@@ -205,17 +190,6 @@ def _on_epochs(
     table = without_empty_fixes(table.assign(epoch=_taken(file, frame, "t", epoch)))
     t, _ = clock_from_epochs(table["epoch"].to_numpy(np.float64), table["t"].to_numpy(np.float64))
     return table.assign(t=t).drop(columns="epoch")
-
-
-def _existing(folder: Path, name: str) -> Path:
-    path = folder / name
-    if not path.is_file():
-        raise LogNotFoundError(f"{path}: no such file; the folder holds {_near(path.parent)}")
-    return path
-
-
-def _near(folder: Path) -> str:
-    return listing(folder) if folder.is_dir() else "nothing, as it does not exist"
 
 
 def _taken(file: str, frame: pd.DataFrame, canonical: str, source: Column) -> pd.Series:

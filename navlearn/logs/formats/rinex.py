@@ -16,13 +16,15 @@ import numpy as np
 import pandas as pd
 import torch
 
-from navlearn.errors import LogError
+from navlearn.errors import ConfigError, LogError
 from navlearn.gnss import signals
 from navlearn.gnss.gnss_time import BEIDOU_BEHIND, WEEK, gps_from_utc, leap_seconds
+from navlearn.logs.formats.finding import existing_file
 from navlearn.logs.formats.rinex_navigation import Navigation, read_navigation
 from navlearn.logs.formats.rinex_observations import Observations, read_observations
 from navlearn.logs.formats.rinex_orbits import UNHEALTHY, VALID_FOR, Sent, satellites_when_sent
 from navlearn.logs.interval_means import FloatArray
+from navlearn.logs.table_layout import Table
 
 _EPOCH: Final = datetime(1980, 1, 6, tzinfo=UTC)
 
@@ -42,6 +44,32 @@ class RinexRanges:
     klobuchar: tuple[float, ...]
     gps_time_origin: float
     notes: Mapping[str, object] = field(default_factory=dict)
+
+
+def rinex_of_table(folder: Path, layout: Table) -> RinexRanges:
+    """Return the ranges of the RINEX files that a descriptor names.
+
+    Args:
+        folder: Folder of the log.
+        layout: Table ``ranges`` of the descriptor.
+
+    Raises:
+        ConfigError: It names no file of orbits, or a code of another carrier.
+        MissingExtraError: georinex is not installed.
+        LogError: A file is missing or cannot be read, or no satellite has an orbit.
+    """
+    if not layout.navigation:
+        raise ConfigError(
+            "tables.ranges: a RINEX file of ranges tells no orbits; state navigation: the file, or "
+            "files, of what the satellites broadcast"
+        )
+    names = (layout.navigation,) if isinstance(layout.navigation, str) else layout.navigation
+    return read_rinex(
+        existing_file(folder, layout.file),
+        [existing_file(folder, name) for name in names],
+        codes={str(letter): codes for letter, codes in (layout.codes or {}).items()},
+        clock_start=layout.clock_start,
+    )
 
 
 def read_rinex(
