@@ -166,30 +166,6 @@ def test_wider_ranges_are_those_of_a_receiver_that_tells_so(
     )
 
 
-@pytest.mark.parametrize("faster", [False, True])
-def test_a_reception_just_before_the_start_is_of_the_past(
-    systematic: DriveLog, runs: TightFilterRuns, faster: bool
-) -> None:
-    """It is used at an interval's end after the start, even beside the outage's own first one."""
-    ranges = systematic.ranges
-    assert ranges is not None
-    late = ranges.assign(t=ranges["t"] + 0.06)
-    if faster:
-        late = pd.concat((ranges.assign(t=ranges["t"] + 0.13), late)).sort_values("t")
-    log = replace(systematic, ranges=late.reset_index(drop=True))
-    outage = Outage(START + 0.08, DURATION, highest(systematic, 2).satellites_visible)
-    known = known_log(log, outage)
-    start = runs.before(known, outage)
-    assert bool((start.received >= outage.start).all()) is not faster
-    assert len(start.received) == len(start.ranges.pseudorange)
-    model = spec("decay", safeguard={"gate": False})
-    found = RangeErrorMethod(runs, model).predict(known, outage)
-    assert found.notes["used"] is True
-    if not faster:
-        heard = str(found.notes["satellites_used"]).split()
-        assert heard == sorted(outage.satellites_visible)
-
-
 def test_white_errors_are_refused() -> None:
     """What is white tells nothing of what comes, whatever a model makes of its window."""
     log, runs = driven(thermal=3.0), fresh_runs()

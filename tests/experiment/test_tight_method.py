@@ -4,10 +4,12 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 import torch
 
 from navlearn.errors import LogError
+from navlearn.experiment.range_error_method import RangeErrorMethod
 from navlearn.experiment.sensors_needed import check_sensors
 from navlearn.experiment.tight_filter_runs import TightFilterRuns
 from navlearn.experiment.tight_method import TightMethod
@@ -18,6 +20,7 @@ from navlearn.logs.synthetic import simulate_drive
 from navlearn.outages.known_log import known_log
 from navlearn.outages.schedule import Outage
 from navlearn.recipe import Recipe
+from navlearn.recipe.range_error_spec import RangeErrorSpec
 from navlearn.states import FixTiming, GnssFix, InsState
 from navlearn.tight_navigator import tight_belief_at
 
@@ -107,6 +110,28 @@ def test_an_outage_in_which_all_stay_is_none(log: DriveLog) -> None:
     at = np.searchsorted(t, table["t"].to_numpy())
     lat = run.history.trajectory.lat.numpy()[np.minimum(at, t.size - 1)]
     assert np.abs(6.4e6 * (table["lat"].to_numpy() - lat)).max() < 0.005
+
+
+@pytest.mark.parametrize("faster", [False, True])
+def test_a_reception_just_before_the_start_is_of_the_past(log: DriveLog, faster: bool) -> None:
+    """It is used at an interval's end after the start, even beside the outage's own first one."""
+    ranges = log.ranges
+    assert ranges is not None
+    late = ranges.assign(t=ranges["t"] + 0.06)
+    if faster:
+        late = pd.concat((ranges.assign(t=ranges["t"] + 0.13), late)).sort_values("t")
+    late = replace(log, ranges=late.reset_index(drop=True))
+    outage = Outage(START + 0.08, LENGTH, satellites_at(log, START)[:2])
+    known, runs = known_log(late, outage), TightFilterRuns(recipe())
+    start = runs.before(known, outage)
+    assert bool((start.received >= outage.start).all()) is not faster
+    assert len(start.received) == len(start.ranges.pseudorange)
+    plain = TightMethod(runs).predict(known, outage)
+    if not faster:
+        assert str(plain.notes["satellites_used"]).split() == sorted(outage.satellites_visible)
+    content = {"name": "a", "structure": "decay", "window_s": 150.0, "safeguard": {"gate": False}}
+    model = RangeErrorSpec.model_validate(content)
+    assert RangeErrorMethod(runs, model).predict(known, outage).notes["used"] is True
 
 
 def test_a_log_without_ranges_is_refused(log: DriveLog) -> None:
