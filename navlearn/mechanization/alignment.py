@@ -6,14 +6,14 @@ Standing still, the gyro reads its bias and the vertical Earth rate.
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
 from navlearn import wgs84
-from navlearn.errors import LogError
+from navlearn.errors import ConfigError, LogError
 from navlearn.states import FixTiming, GnssFix, NavState, RissSample
 
 
@@ -43,6 +43,23 @@ class TrackOptions:
     correlation_time: float = 10.0
     scale_sigma: float = 0.03
     huber: float = 1.5
+
+    def __post_init__(self) -> None:
+        """Refuse what no way can be laid by.
+
+        Raises:
+            ConfigError: An entry lies outside its range.
+        """
+        for entry in fields(self):
+            value = getattr(self, entry.name)
+            least = 3 if entry.name == "least_fixes" else 0.0
+            free = entry.name in ("least_way", "least_time", "every")
+            sound = value >= least if free or least else value > least
+            if not (sound and math.isfinite(value)):
+                raise ConfigError(
+                    f"alignment: track.{entry.name}: found {value!r}; expected "
+                    f"{'3 or more' if least else '0 or more' if free else 'a number above 0'}"
+                )
 
 
 @dataclass(frozen=True, kw_only=True)

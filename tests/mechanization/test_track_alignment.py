@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from navlearn import wgs84
-from navlearn.errors import LogError
+from navlearn.errors import ConfigError, LogError
 from navlearn.frames import enu_between
 from navlearn.logs.reference import reference_at
 from navlearn.logs.resample import riss_timeline
@@ -177,6 +177,24 @@ def test_too_short_a_way_is_refused():
     coarse = fixes._replace(std_e=500.0 * fixes.std_e, std_n=500.0 * fixes.std_n)
     with pytest.raises(LogError, match=r"rad at best where 0\.175 rad are asked; give a longer"):
         align_from_track(samples, coarse, timing, AlignmentOptions())
+
+
+@pytest.mark.parametrize(
+    "entry",
+    [
+        {"correlation_time": 0.0},
+        {"least_fixes": 2},
+        {"huber": -1.0},
+        {"azimuth_sigma": math.nan},
+        {"least_way": -1.0},
+        {"longest": math.inf},
+    ],
+)
+def test_options_without_meaning(entry):
+    (name,) = entry
+    with pytest.raises(ConfigError, match=rf"track\.{name}: found .*; expected"):
+        TrackOptions(**entry)
+    TrackOptions(least_way=0.0, least_time=0.0, every=0.0, least_fixes=3)
 
 
 def normalised(seed, starts, duration):
