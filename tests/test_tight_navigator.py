@@ -59,7 +59,7 @@ def case(kind: str) -> Case:
     line: RissTimeline | ImuTimeline
     vehicle: EkfOptions | InsEkfOptions = EkfOptions()
     if kind == "riss":
-        line = riss_timeline(log(), rate_hz=10.0)
+        line = riss_timeline(log(), rate_hz=10.0, dims=3)
     else:
         line, vehicle = imu_timeline(log()), InsEkfOptions(states=int(kind))
     edges = np.concatenate(([line.start_time], line.t.numpy()))
