@@ -23,6 +23,9 @@ from navlearn.logs.single_point_fixes import (
 _WILD = 1000.0
 """Residual of a range that no street explains, m."""
 
+_FAINT, _STRONG = 20.0, 60.0
+"""Between these lies the median C/N0 of any receiver that measures, dB-Hz."""
+
 _REFUSED = 0.5
 """Share of receptions from which a satellite that is refused so often is out of order."""
 
@@ -46,6 +49,7 @@ def check_ranges(log: DriveLog) -> Part:
         )
         return part
     _check_twice(part, log.ranges)
+    _check_told(part, log.ranges)
     try:
         clean = checked_ranges("ranges", in_order(log.ranges))
         found = solve_receptions(replace(log, ranges=clean))
@@ -82,6 +86,34 @@ def _check_twice(part: Part, ranges: pd.DataFrame) -> None:
         "one range per satellite and reception",
         "keep the first signal of each satellite in the reader",
     )
+
+
+def _check_told(part: Part, ranges: pd.DataFrame) -> None:
+    """Check what the receiver tells of its own signals, which ranges are weighed by."""
+    cn0 = column(ranges, "cn0")
+    if np.isfinite(cn0).any():
+        middle = float(np.nanmedian(cn0))
+        part.figures["cn0_median_db_hz"] = middle
+        if not _FAINT <= middle <= _STRONG:
+            part.add(
+                "warning",
+                "signal strength",
+                "ranges cn0",
+                f"{middle:.3g} in the median",
+                f"carrier-to-noise densities of {_FAINT:g} to {_STRONG:g} dB-Hz",
+                "check its unit (a scale of 0 to 9 is no dB-Hz), or leave the column out",
+            )
+    for name in ("std_range", "std_rate"):
+        negative = np.count_nonzero(column(ranges, name) < 0.0)
+        if negative:
+            part.add(
+                "warning",
+                "negative deviation",
+                f"ranges {name}",
+                f"{negative} of {len(ranges)} rows below zero, where nothing is taken to be told",
+                "a deviation, or no value",
+                "check the column, or leave it out",
+            )
 
 
 def _check_solved(part: Part, found: ReceptionSolutions) -> None:

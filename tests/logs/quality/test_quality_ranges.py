@@ -129,6 +129,8 @@ def _noisy_pseudoranges(ranges: pd.DataFrame) -> pd.DataFrame:
         (_swapped_axes, "few positions from ranges", "error"),
         (_noisy_pseudoranges, "few positions from ranges", "error"),
         (lambda r: r.assign(satellite="7"), "ranges unusable", "error"),
+        (lambda r: r.assign(cn0=(r["cn0"] / 6.0).round()), "signal strength", "warning"),
+        (lambda r: r.assign(std_range=-r["std_range"]), "negative deviation", "warning"),
     ],
 )
 def test_each_mistake_is_named(ranged: DriveLog, change: Change, topic: str, severity: str) -> None:
