@@ -222,6 +222,8 @@ class TightNavigator:
         samples: RissSample | ImuSample,
         ranges: SatelliteRanges,
         timing: FixTiming,
+        *,
+        silence: float = 0.0,
     ) -> TightHistory:
         """Run the filter on from a belief, with what satellites are left or with none.
 
@@ -231,6 +233,7 @@ class TightNavigator:
             ranges: Receptions, shape (M, S) each, of the satellites of the run before; M may be
                 0. What an error model predicts of their errors has been taken off.
             timing: Where they fall, counted from the first of these samples, shape (M,) each.
+            silence: Time from the last reception that the belief knows of to the first sample, s.
 
         Returns:
             What the filter believed; its indices count from the first of these samples.
@@ -238,7 +241,12 @@ class TightNavigator:
         systems = belief.clock.shape[-1] - 1
         with torch.no_grad():
             history: TightHistory = self.ekf(systems)(
-                belief, samples, ranges, timing, method=self.options.method
+                belief,
+                samples,
+                ranges,
+                timing,
+                method=self.options.method,
+                silence=samples.dt.new_tensor(silence),
             )
         return history
 

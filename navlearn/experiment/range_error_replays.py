@@ -193,7 +193,12 @@ def run_replays(
     filter_ = navigator.ekf(belief.clock.shape[-1] - 1)
     with torch.no_grad():
         history: TightHistory = filter_(
-            belief, replays.samples, ranges, replays.timing, method=navigator.options.method
+            belief,
+            replays.samples,
+            ranges,
+            replays.timing,
+            method=navigator.options.method,
+            silence=torch.zeros_like(replays.samples.dt[:, 0]),
         )
     return history
 

@@ -69,8 +69,14 @@ class TightStart(NamedTuple):
             ranges: The receptions as an error model corrected them; None takes them as they are.
         """
         chosen = self.ranges if ranges is None else ranges
-        belief = tight_belief_at(self.run.history, -1)
-        return self.navigator.filter_on(belief, self.samples, chosen, self.timing)
+        history = self.run.history
+        heard = history.end[history.reception >= 0]
+        silence = torch.inf
+        if len(heard):
+            silence = float(self.run.samples.dt[int(heard[-1]) + 1 :].sum())
+        return self.navigator.filter_on(
+            tight_belief_at(history, -1), self.samples, chosen, self.timing, silence=silence
+        )
 
 
 class TightFilterRuns:

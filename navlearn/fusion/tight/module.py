@@ -89,6 +89,7 @@ class TightEkf(nn.Module):
         *,
         fixes: GnssFix | None = None,
         method: Method = "exact",
+        silence: Tensor | None = None,
     ) -> TightHistory:
         """Run the filter over drives.
 
@@ -102,6 +103,8 @@ class TightEkf(nn.Module):
             method: Form of the filter; ``history.method`` says which ran. The fast form answers
                 with the loop over blocks where its passes do not converge, and for vehicles that
                 have no such form.
+            silence: Time from the last reception that ``start`` knows of to the first sample's
+                beginning, s, shape (B,) or (), as multipath lasts; None where there was none.
 
         Returns:
             History; without batch axis where the input had none.
@@ -127,6 +130,7 @@ class TightEkf(nn.Module):
                 FixTiming(*map(unsqueezed, timing)),
                 fixes=None if fixes is None else GnssFix(*map(unsqueezed, fixes)),
                 method=method,
+                silence=silence,
             )
             alone: TightHistory = map_tree(batched, first)
             return alone
@@ -137,7 +141,7 @@ class TightEkf(nn.Module):
             )
         ranges = with_system_each(ranges)
         check_tight_inputs(self.model, start, samples, ranges, timing, fixes)
-        line = tight_timeline(self.model, samples, ranges, timing, fixes)
+        line = tight_timeline(self.model, samples, ranges, timing, fixes, silence)
         history = None
         if method == "fast":
             history = run_tight_fast(self.model, start, line, self.noise)

@@ -51,6 +51,7 @@ def tight_timeline(
     ranges: SatelliteRanges,
     timing: FixTiming,
     fixes: GnssFix | None,
+    silence: Tensor | None = None,
 ) -> TightLine:
     """Return drives laid out in blocks.
 
@@ -60,6 +61,8 @@ def tight_timeline(
         ranges: Ranges, shape (B, M, S) each; M may be 0.
         timing: Where the receptions fall, shape (B, M) each.
         fixes: Fixes at the same moments, shape (B, M) each, or None.
+        silence: Time from the last reception before the first sample to its beginning, s, shape
+            (B,) or (); None where there was none.
 
     Returns:
         Timeline.
@@ -68,22 +71,23 @@ def tight_timeline(
     blocks = line.blocks
     elapsed = (gathered(samples.dt, blocks.gather) * blocks.used).sum(-1)
     received = ranges_at_ends(blocks, usable(model.options, ranges))
-    since = _since_reception(elapsed, blocks.fix >= 0)
+    since = _since_reception(elapsed, blocks.fix >= 0, silence)
     return TightLine(line, Reception(received, line.delay, elapsed, since))
 
 
 @torch.no_grad()
-def _since_reception(elapsed: Tensor, received: Tensor) -> Tensor:
+def _since_reception(elapsed: Tensor, received: Tensor, silence: Tensor | None) -> Tensor:
     """Return how long before the end of each block the reception before it was, s, shape (B, K).
 
-    The first reception lies as far from one before as the later ones lie apart.
+    Infinite before the first one of all.
     """
+    first = torch.full_like(elapsed[:, :1], torch.inf)
+    if silence is not None:
+        first = silence.reshape(-1, 1).expand_as(first)
     end = torch.cumsum(elapsed, 1)
     latest = torch.cummax(torch.where(received, end, -torch.inf), 1).values
     before = torch.nn.functional.pad(latest[:, :-1], (1, 0), value=-torch.inf)
-    since = end - before
-    apart = torch.where(received & since.isfinite(), since, torch.nan).nanmedian(1, True).values
-    return torch.where(since.isfinite(), since, apart.nan_to_num(torch.inf))
+    return end - torch.maximum(before, -first)
 
 
 def with_system_each(ranges: SatelliteRanges) -> SatelliteRanges:

@@ -133,7 +133,7 @@ def test_sample_by_sample(range_drive: Callable[..., Any]) -> None:
 def test_streaming_is_the_run(range_drive: Callable[..., Any]) -> None:
     d = range_drive(seconds=12, seed=2)
     ekf = TightEkf(RissVehicle(d.options), systems=2)
-    run = ekf(d.start, d.samples, d.ranges, d.timing)
+    run = ekf(d.start, d.samples, d.ranges, d.timing, silence=torch.zeros(1).double())
     belief = ekf.start(d.start, 8)
     rate = 20
     for k in range(12):
@@ -162,6 +162,11 @@ def test_the_future_changes_nothing(range_drive: Callable[..., Any]) -> None:
         assert_same(one, two, atol=0.0, rtol=0.0)
     assert torch.equal(before.trajectory.lat[:, :419], after.trajectory.lat[:, :419])
     assert not torch.equal(before.trajectory.lat[:, 419:], after.trajectory.lat[:, 419:])
+    # nor does how often ranges come later on
+    keep = [0, 1, 2, *range(5, 30, 5)]
+    fewer = SatelliteRanges(*(x[:, keep] if x.dim() > 2 else x for x in d.ranges))
+    rare = ekf(d.start, d.samples, fewer, FixTiming(*(x[:, keep] for x in d.timing)))
+    assert torch.equal(before.trajectory.lat[:, :79], rare.trajectory.lat[:, :79])
 
 
 def test_a_late_reception_is_taken_where_the_car_was(range_drive: Callable[..., Any]) -> None:

@@ -235,7 +235,10 @@ def test_the_clock_is_discretised_exactly() -> None:
 def test_what_a_reception_counts_for_depends_on_the_one_before() -> None:
     elapsed = torch.tensor([[1.0, 0.1, 0.9, 1.0, 3.0], [0.1, 1.0, 2.0, 0.5, 0.5]]).double()
     heard = torch.tensor([[True, False, True, True, False], [False, False, True, False, False]])
-    since = _since_reception(elapsed, heard)
-    assert since[0].tolist() == pytest.approx([1.0, 0.1, 1.0, 1.0, 3.0])
-    # a lone reception stands for itself
+    since = _since_reception(elapsed, heard, None)
+    # the first of all stands for itself
+    assert since[0].tolist() == pytest.approx([math.inf, 0.1, 1.0, 1.0, 3.0])
     assert since[1].tolist() == pytest.approx([math.inf, math.inf, math.inf, 0.5, 1.0])
+    later = _since_reception(elapsed, heard, torch.tensor([0.0, 0.4]).double())
+    assert later[0].tolist() == pytest.approx([1.0, 0.1, 1.0, 1.0, 3.0])
+    assert later[1].tolist() == pytest.approx([0.5, 1.5, 3.5, 0.5, 1.0])
