@@ -14,6 +14,10 @@ from navlearn.learning.range_residuals import residual_series
 from navlearn.recipe.range_error_spec import RangeErrorSpec
 from navlearn.states import SatelliteRanges
 
+FARTHEST = 1e6
+"""Largest correction, m: a model that runs away makes a wild range, which is the gate's to refuse,
+and no range in other units, at which a filter stops."""
+
 
 class Corrected(NamedTuple):
     """Ranges of an outage less what a model says of their errors.
@@ -65,7 +69,7 @@ def corrected(
     correction = torch.zeros_like(ranges.pseudorange)
     # where receptions come faster than samples one before the start may be among them
     inside = after.t >= start
-    correction[after.reception[inside]] = errors.error[rows[inside]]
+    correction[after.reception[inside]] = errors.error[rows[inside]].clamp(-FARTHEST, FARTHEST)
     less = ranges._replace(pseudorange=ranges.pseudorange - correction)
     if spec.wider_m > 0.0:
         wider = told_wider(ranges, noise, spec.wider_m)
