@@ -2,8 +2,8 @@
 
     python training/whole_drive.py training/iqbal2020_pci_pseudorange.yaml
 
-Prints, for open sky and canyons apart, how far each solution is from the reference; what a canyon
-is depends on how many satellites were received, never on errors. Filters are those of the recipe.
+Prints how far each solution is from the reference, canyons apart; what a canyon is depends on how
+many satellites were received, never on errors. Filters are those of the recipe.
 """
 
 import argparse

@@ -1,7 +1,7 @@
 """How good positions are over a whole drive: what the receiver says, ranges alone, and filters.
 
-No outage is made. Every solution is judged at the reference's own times, open sky and canyons
-apart; what a canyon is depends on what is received, never on errors.
+No outage is made. Every solution is judged at the reference's own times, canyons apart; what a
+canyon is depends on what is received, never on errors.
 """
 
 from collections.abc import Iterator, Mapping
@@ -28,7 +28,7 @@ from navlearn.recipe.swept_drives import RecordedDrives
 from navlearn.states import InsState
 
 OPEN_SKY: Final = 6
-"""Satellites received under an open sky, at least; fewer make a canyon."""
+"""Satellites received outside a canyon, at least."""
 
 SPAN: Final = 5.0
 """Seconds before and after a moment over which received satellites are averaged."""
@@ -104,8 +104,8 @@ def summary(errors: pd.DataFrame) -> pd.DataFrame:
     common = errors.groupby("t")["solution"].transform("nunique") == errors["solution"].nunique()
     parts: Mapping[str, pd.DataFrame] = {
         "all": errors,
-        "open sky": errors[~errors["canyon"]],
-        "canyon": errors[errors["canyon"]],
+        f"{OPEN_SKY} satellites and more": errors[~errors["canyon"]],
+        "fewer: canyon": errors[errors["canyon"]],
         "where all have one": errors[common],
     }
     told = []
