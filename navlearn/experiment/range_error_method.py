@@ -13,7 +13,7 @@ from torch import Tensor
 
 from navlearn.error_models.fos import FosModel
 from navlearn.error_models.safeguard import GateVerdict
-from navlearn.errors import FitError
+from navlearn.errors import FilterDivergedError, FitError
 from navlearn.experiment.gate_notes import gate_notes
 from navlearn.experiment.learned import Learned
 from navlearn.experiment.range_error_correction import Corrected, corrected
@@ -77,7 +77,7 @@ class RangeErrorMethod:
                 logs=(log.metadata.name,),
             )
             verdict = judged(start, past, visible, self.spec)
-        except FitError as problem:
+        except (FitError, FilterDivergedError) as problem:
             notes = {"used": False, "fitted": False, "reason": str(problem)}
             return Solution(table=tight_table(start, plain, outage), notes=notes)
         self._kept(found, verdict, names)

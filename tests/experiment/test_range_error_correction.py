@@ -5,14 +5,15 @@ from typing import Any
 import pytest
 import torch
 
-from navlearn.errors import ConfigError
-from navlearn.experiment import range_error_correction
+from navlearn.errors import ConfigError, FilterDivergedError
+from navlearn.experiment import range_error_correction, range_error_method
 from navlearn.experiment.range_error_correction import FARTHEST, told_wider
 from navlearn.experiment.range_error_method import RangeErrorMethod
 from navlearn.experiment.tight_filter_runs import TightFilterRuns
 from navlearn.gnss.range_noise import RangeNoiseOptions, range_noise, range_variance
 from navlearn.logs.synthetic import simulate_drive
 from navlearn.outages.known_log import known_log
+from navlearn.outages.replay import Solution
 from navlearn.outages.schedule import Outage
 from navlearn.recipe import Recipe
 from navlearn.recipe.range_error_spec import RangeErrorSpec
@@ -39,9 +40,8 @@ def test_what_is_added_is_what_was_asked_for(told: float, factor: float) -> None
         told_wider(ranges, RangeNoiseOptions(told_factor=0.0), 3.0)
 
 
-def test_a_model_that_runs_away_makes_wild_ranges_and_no_error(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def solved(**safeguard: Any) -> Solution:
+    """What a plain model makes of a short drive."""
     log = simulate_drive(
         profile="town",
         grade="tactical",
@@ -53,6 +53,16 @@ def test_a_model_that_runs_away_makes_wild_ranges_and_no_error(
     assert log.ranges is not None
     heard = log.ranges[(log.ranges["t"] - 180.0).abs() < 0.5]["satellite"].unique()
     outage = Outage(180.0, 30.0, tuple(heard[:3]))
+    runs = TightFilterRuns(
+        Recipe.model_validate({"name": "a", "log": {"path": "a"}, "methods": ["tc_ekf"]})
+    )
+    spec = RangeErrorSpec.model_validate({"name": "m", "structure": "held", "safeguard": safeguard})
+    return RangeErrorMethod(runs, spec).predict(known_log(log, outage), outage)
+
+
+def test_a_model_that_runs_away_makes_wild_ranges_and_no_error(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     predict = range_error_correction.predict_range_errors
 
     def running_away(*given: Any) -> Any:
@@ -62,13 +72,19 @@ def test_a_model_that_runs_away_makes_wild_ranges_and_no_error(
         return found._replace(error=torch.where(found.known, away, 0.0))
 
     monkeypatch.setattr(range_error_correction, "predict_range_errors", running_away)
-    runs = TightFilterRuns(
-        Recipe.model_validate({"name": "a", "log": {"path": "a"}, "methods": ["tc_ekf"]})
-    )
-    spec = RangeErrorSpec.model_validate(
-        {"name": "m", "structure": "held", "safeguard": {"gate": False}}
-    )
-    found = RangeErrorMethod(runs, spec).predict(known_log(log, outage), outage)
+    found = solved(gate=False)
     assert found.notes["largest_correction_m"] == FARTHEST
     assert int(str(found.notes["ranges_refused"])) > 0
     assert bool(found.table[["lat", "lon"]].notna().all().all())
+
+
+def test_a_model_with_which_an_emulated_outage_is_lost_is_refused(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def lost(*_: Any) -> Any:
+        raise FilterDivergedError("lost in an emulated outage")
+
+    monkeypatch.setattr(range_error_method, "judged", lost)
+    found = solved()
+    assert found.notes["used"] is False
+    assert found.notes["reason"] == "lost in an emulated outage"
