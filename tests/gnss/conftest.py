@@ -10,6 +10,8 @@ import torch
 from torch import Tensor
 
 from navlearn import frames
+from navlearn.gnss.range_noise import RangeNoiseOptions, range_noise, range_variance
+from navlearn.gnss.single_point import SinglePoint
 from navlearn.states import SatelliteRanges
 
 LAT, LON, HEIGHT = math.radians(44.23), math.radians(-76.48), 75.0
@@ -28,6 +30,21 @@ class Sky:
     velocity: Tensor
     drift: Tensor
     unit: Tensor
+
+    def errors(self, found: SinglePoint) -> Tensor:
+        """Return position errors east, north, up, m, shape (M, 3)."""
+        place = (found.lat, found.lon, found.height)
+        enu = frames.enu_between(*place, self.lat, self.lon, self.height)
+        return torch.stack(enu, dim=-1)
+
+    def noisy(self, seed: int = 1) -> SatelliteRanges:
+        """Return the ranges with errors as the default noise has them."""
+        ranges = self.ranges
+        noise = range_noise(RangeNoiseOptions())
+        deviation = range_variance(noise, ranges.elevation, ranges.cn0, ranges.std_range).sqrt()
+        draw = torch.Generator().manual_seed(seed)
+        error = deviation * torch.randn(deviation.shape, generator=draw, dtype=torch.float64)
+        return ranges._replace(pseudorange=ranges.pseudorange + error)
 
 
 def _sky(*, receptions: int = 5, satellites: int = 9, systems: int = 1, seed: int = 1) -> Sky:
