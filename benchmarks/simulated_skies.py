@@ -133,7 +133,7 @@ def without_factor(found: ReceptionSolutions) -> pd.DataFrame:
 
 def filtered(log: DriveLog, fixes: pd.DataFrame) -> float:
     """Return the RMS horizontal error of the loosely coupled filter, m."""
-    line = riss_timeline(log.with_tables({"fixes": fixes}), rate_hz=10.0)
+    line = riss_timeline(log.with_tables({"fixes": fixes}), rate_hz=10.0, dims=3)
     run = Navigator().run(line.samples, line.fixes, line.timing)
     path = run.history.trajectory
     columns = {"lat": path.lat, "lon": path.lon, "height": path.height}

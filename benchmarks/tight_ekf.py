@@ -68,7 +68,7 @@ def drive(seconds: int, kind: str) -> tuple[Filters, Work]:
         imu_rate_hz=float(RATE),
         satellites=SatelliteOptions(systems=("G", "E")),
     ).log
-    line: Any = riss_timeline(log, rate_hz=RATE) if kind == "riss" else imu_timeline(log)
+    line: Any = riss_timeline(log, rate_hz=RATE, dims=3) if kind == "riss" else imu_timeline(log)
     edges = np.concatenate(([line.start_time], line.t.numpy()))
     series = ranges_of(log, edges, RangeOptions())
     options = VEHICLES[kind]

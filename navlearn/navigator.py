@@ -25,7 +25,7 @@ from navlearn.fusion.sensor_errors import (
     sensor_errors,
 )
 from navlearn.fusion.smoothing import SmoothedDrive, SmoothingOptions, smooth
-from navlearn.fusion.start import aligned_belief, told_from
+from navlearn.fusion.start import aligned_belief, told_from, warn_of_level_samples
 from navlearn.mechanization.alignment import Alignment, AlignmentOptions
 from navlearn.mechanization.riss_adjoint import integrate
 from navlearn.mechanization.track_alignment import align_riss
@@ -86,6 +86,8 @@ class Navigator:
             LogError: The car never drove fast enough to align.
             FilterDivergedError: The covariance or state is no longer finite or positive.
         """
+        warn_of_level_samples(self.options.filter, samples)
+        warn_of_level_samples(self.options.filter, samples)
         alignment = align_riss(samples, fixes, timing, self.options.alignment)
         first = alignment.sample + 1
         rest = RissSample(*(channel[first:] for channel in samples))

@@ -18,7 +18,7 @@ from navlearn.filters.tight_belief import TightBelief, map_tight_belief
 from navlearn.fusion.ins.options import InsEkfOptions
 from navlearn.fusion.ins.start import aligned_ins_belief, calibrated
 from navlearn.fusion.options import EkfOptions
-from navlearn.fusion.start import aligned_belief, told_from
+from navlearn.fusion.start import aligned_belief, told_from, warn_of_level_samples
 from navlearn.fusion.tight.history import TightHistory
 from navlearn.fusion.tight.ins_vehicle import InsVehicle
 from navlearn.fusion.tight.module import Method, TightEkf
@@ -201,6 +201,8 @@ class TightNavigator:
         """
         if isinstance(samples, ImuSample):
             samples = confirmed_standstill(samples, fixes, fix_timing)
+        elif isinstance(self.options.vehicle, EkfOptions):
+            warn_of_level_samples(self.options.vehicle, samples)
         alignment = self.align(samples, fixes, fix_timing, bridged=bridged)
         first = alignment.sample + 1
         rest = type(samples)(*(channel[first:] for channel in samples))

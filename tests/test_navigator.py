@@ -168,3 +168,8 @@ def test_position_errors_of_a_turning_car_add_up_in_their_own_frames() -> None:
     np.testing.assert_allclose(
         (better.lon.numpy() + 1.3) * r_n * math.cos(lat), [-1.0, -1.0, -6.0], atol=1e-6
     )
+
+
+def test_it_warns_of_a_filter_that_climbs_on_level_samples(line: RissTimeline) -> None:
+    with pytest.warns(UserWarning, match=r"dimensions=3, but no sample has pitch or roll"):
+        Navigator(NavigatorOptions()).run(line.samples, line.fixes, line.timing)

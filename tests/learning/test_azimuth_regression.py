@@ -19,6 +19,7 @@ from navlearn.learning.azimuth_regression import (
 from navlearn.learning.weighted_ridge import solve_ridge
 from navlearn.logs.resample import riss_timeline
 from navlearn.logs.synthetic import simulate_drive
+from navlearn.mechanization.options import RissOptions
 from navlearn.navigator import Navigator, NavigatorOptions, NavigatorRun
 
 NOISE = AzimuthNoise(
@@ -151,7 +152,7 @@ def driven() -> tuple[NavigatorRun, np.ndarray, EkfOptions]:
         profile="town", grade="mems_x", duration=500.0, seed=12, imu_rate_hz=10.0, name="told"
     )
     line = riss_timeline(drive.log, rate_hz=10.0)
-    options = EkfOptions()
+    options = EkfOptions(mechanization=RissOptions(dimensions=2))
     run = Navigator(NavigatorOptions(filter=options)).run(line.samples, line.fixes, line.timing)
     truth = drive.log.reference
     assert truth is not None

@@ -38,7 +38,7 @@ def run() -> NavigatorRun:
     drive = simulate_drive(
         profile="mixed", grade="tactical", duration=900.0, seed=12, imu_rate_hz=10.0, name="known"
     )
-    line = riss_timeline(drive.log, rate_hz=10.0)
+    line = riss_timeline(drive.log, rate_hz=10.0, dims=3)
     rate = line.samples.yaw_rate
     wrong = rate + TRUE_SCALE * rate + TRUE_ASYMMETRY * rate.abs()
     navigator = Navigator(NavigatorOptions(filter=EkfOptions()))
@@ -153,7 +153,7 @@ def test_a_gyro_without_deterministic_error_gets_next_to_no_terms_from_fos() -> 
     drive = simulate_drive(
         profile="mixed", grade="tactical", duration=700.0, seed=13, imu_rate_hz=10.0, name="none"
     )
-    line = riss_timeline(drive.log, rate_hz=10.0)
+    line = riss_timeline(drive.log, rate_hz=10.0, dims=3)
     navigator = Navigator(NavigatorOptions(filter=EkfOptions()))
     run = navigator.run(line.samples, line.fixes, line.timing)
     options = GyroRateOptions(structure="fos")
