@@ -2,7 +2,7 @@
 
 import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
@@ -56,6 +56,37 @@ def make_log() -> Callable[..., DriveLog]:
         return DriveLog(**parts)
 
     return make
+
+
+SKY = {"G02": (2.0e7, 1.2e7, 1.1e7), "G30": (-1e7, 2e7, 1.5e7), "R07": (1.4e7, -1.5e7, 1.5e7)}
+
+
+def small_ranges(times: Iterable[float] = range(10)) -> pd.DataFrame:
+    """Return ranges of three satellites, once a second."""
+    rows = [
+        (float(t), name, 2.1e7 + 1e3 * k + t, *SKY[name], 45.0 - k)
+        for t in times
+        for k, name in enumerate(SKY)
+    ]
+    columns = ["t", "satellite", "pseudorange", "sat_x", "sat_y", "sat_z", "cn0"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+@pytest.fixture
+def range_table() -> Callable[..., pd.DataFrame]:
+    """Make a table of ranges, to be changed at will."""
+    return small_ranges
+
+
+@pytest.fixture
+def broadcast() -> LogMetadata:
+    """What a log knows whose ranges are corrected for clocks alone."""
+    return LogMetadata(
+        name="small",
+        range_corrections=("satellite_clock", "earth_rotation"),
+        klobuchar=(1e-8, 1.5e-8, -6e-8, -1.2e-7, 8e4, 1e5, -6.6e4, -5.2e5),
+        gps_time_origin=1485 * 604800.0 + 152142.25,
+    )
 
 
 @pytest.fixture
