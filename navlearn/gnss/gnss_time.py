@@ -1,8 +1,8 @@
 """Clocks of satellite systems, told as GPS seconds.
 
-GPS seconds run without leap from 6 January 1980, 0 h UTC. A week has 604 800 of them, and GPS
-broadcasts its week modulo 1024. Galileo and QZSS keep GPS time; BeiDou is 14 s behind
-([BeiDouB1I] §3.3); GLONASS keeps UTC, which leaps ([GLONASSICD] §3.3.3).
+GPS seconds run without leap from 6 January 1980, 0 h UTC; a week has 604 800 of them. Galileo and
+QZSS keep GPS time; BeiDou is 14 s behind ([BeiDouB1I] §3.3); GLONASS keeps UTC, which leaps
+([GLONASSICD] §3.3.3).
 """
 
 import torch
@@ -35,50 +35,6 @@ LEAPS: list[float] = [
     1167264017.0,  # 1 January 2017, the last announced
 ]
 """GPS seconds at which UTC fell behind by one more second."""
-
-
-def gps_seconds(week: Tensor, seconds_of_week: Tensor) -> Tensor:
-    """Return GPS seconds of a week and the seconds in it.
-
-    Args:
-        week: Week since 6 January 1980, not modulo 1024, int64, shape (...).
-        seconds_of_week: Seconds in that week, s, shape (...).
-
-    Returns:
-        GPS seconds, s, float64, shape (...); steps of 2.4e-7 s are told apart in 2023.
-    """
-    return week.to(torch.float64) * WEEK + seconds_of_week
-
-
-def week_and_seconds(gps_seconds: Tensor) -> tuple[Tensor, Tensor]:
-    """Return the week and the seconds in it of GPS seconds.
-
-    Args:
-        gps_seconds: GPS seconds, s, float64, shape (...).
-
-    Returns:
-        Week (int64) and seconds of week in [0, 604800), s, each of shape (...).
-    """
-    week = torch.floor(gps_seconds / WEEK)
-    return week.to(torch.int64), gps_seconds - week * WEEK
-
-
-def full_week(week: Tensor, hint: Tensor, modulus: int = 1024) -> Tensor:
-    """Return the week that a week told modulo stands for.
-
-    Args:
-        week: Week as told, modulo ``modulus`` or whole, int64, shape (...).
-        hint: A week known to lie within half of ``modulus`` weeks, such as the file's date,
-            int64, shape (...).
-        modulus: After how many weeks the counter begins again: 1024 for the legacy GPS message,
-            4096 for Galileo and 8192 for BeiDou.
-
-    Returns:
-        The week nearest to the hint that agrees with ``week`` modulo ``modulus``, int64,
-        shape (...).
-    """
-    half = modulus // 2
-    return hint + torch.remainder(week - hint + half, modulus) - half
 
 
 def half_week(difference: Tensor) -> Tensor:

@@ -8,6 +8,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from navlearn.errors import LogError
+from navlearn.gnss.gnss_time import WEEK
 from navlearn.logs.columns import RANGE_CORRECTIONS, REQUIRED
 from navlearn.logs.drive_log import LogMetadata
 from navlearn.logs.nearest import nearest_hint
@@ -15,15 +16,11 @@ from navlearn.logs.nearest import nearest_hint
 CONSTELLATIONS: Final = "GRECJSI"
 """RINEX letters: GPS, GLONASS, Galileo, BeiDou, QZSS, SBAS, NavIC."""
 
-
 NEAREST, FARTHEST = 2.0e7, 5.0e7
 """How far from the Earth's centre satellites of navigation are, m: GLONASS 2.55e7, QZSS 4.6e7."""
 
 SMALLEST, LARGEST = 1.0e6, 1.0e9
 """Between these lies the median pseudorange, m: a receiver's clock may be 60 ms behind."""
-
-WEEK: Final = 604800.0
-"""Length of a week, s."""
 
 LATEST_GPS: Final = 1.0e10
 """GPS time counts no further, s: the year 2296."""

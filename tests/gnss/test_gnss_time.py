@@ -1,4 +1,4 @@
-"""Weeks, their rollover, and leap seconds."""
+"""Weeks and leap seconds."""
 
 from datetime import UTC, datetime, timedelta
 
@@ -6,12 +6,9 @@ import pytest
 import torch
 
 from navlearn.gnss.gnss_time import (
-    full_week,
     gps_from_utc,
-    gps_seconds,
     half_week,
     leap_seconds,
-    week_and_seconds,
 )
 
 BEGIN = datetime(1980, 1, 6, tzinfo=UTC)
@@ -43,20 +40,8 @@ def test_leap_seconds_by_the_calendar(count: int, month: tuple[int, int]) -> Non
 
 def test_a_day_that_is_known() -> None:
     found = gps_from_utc(seconds(utc(2023, 6, 29, 11, 15, 0)))
-    week, of_week = week_and_seconds(found)
-    assert (int(week), float(of_week)) == (2268, 4 * 86400.0 + 11 * 3600 + 15 * 60 + 18)
-    assert float(gps_seconds(week, of_week)) == float(found)
-
-
-def test_weeks_come_back() -> None:
-    assert int(full_week(torch.tensor(220), torch.tensor(2268))) == 2268
-    assert int(full_week(torch.tensor(2268), torch.tensor(2268))) == 2268
-    # told 1023, known to be about the week after the second rollover
-    assert int(full_week(torch.tensor(1023), torch.tensor(2048))) == 2047
-    assert int(full_week(torch.tensor(0), torch.tensor(2047))) == 2048
-    assert int(full_week(torch.tensor(5), torch.tensor(4090), 4096)) == 4101
-    hint = torch.arange(1000, 3000)
-    torch.testing.assert_close(full_week(hint % 1024, hint + 400), hint)
+    of_week = 4 * 86400.0 + 11 * 3600 + 15 * 60 + 18
+    assert float(found) == 2268 * 604800.0 + of_week
 
 
 def test_half_a_week_either_way() -> None:

@@ -19,6 +19,7 @@ import pandas as pd
 
 from navlearn.errors import LogError
 from navlearn.gnss import signals
+from navlearn.gnss.gnss_time import WEEK
 from navlearn.logs.formats.navinst_files import find_one, load_variables, variable, vector
 from navlearn.logs.interval_means import FloatArray
 
@@ -27,9 +28,6 @@ IntArray = npt.NDArray[np.int64]
 RAW: Final = "Raw_Data_combined.mat"
 RECEIVER: Final = "GPS_Data_Combined_Nova.mat"
 IONOSPHERE: Final = "IONUTC.mat"
-
-WEEK: Final = 604800.0
-"""Length of a week, s."""
 
 LAST_GPS: Final = 32
 """Largest number of a GPS satellite."""

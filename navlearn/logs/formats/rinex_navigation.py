@@ -16,7 +16,7 @@ import pandas as pd
 import torch
 
 from navlearn.errors import LogError
-from navlearn.gnss.gnss_time import BEIDOU_BEHIND, WEEK, gps_from_utc
+from navlearn.gnss.gnss_time import BEIDOU_BEHIND, WEEK, gps_from_utc, half_week
 from navlearn.logs.formats.rinex_header import DAMAGE, georinex, rinex_version
 from navlearn.logs.interval_means import FloatArray
 
@@ -161,7 +161,7 @@ def _orbits(rows: pd.DataFrame, week: int, letter: str) -> pd.DataFrame:
     toc = _seconds(rows) + behind - week * WEEK
     toe = table["toe_of_week"] + behind
     table["toc"] = toc
-    table["toe"] = toc + ((toe - toc + 0.5 * WEEK) % WEEK - 0.5 * WEEK)
+    table["toe"] = toc + half_week(torch.tensor((toe - toc).to_numpy(np.float64))).numpy()
     table["group_delay"], table["preference"] = _group_delay(rows, letter)
     table["healthy"] = _healthy(rows, letter)
     return table

@@ -18,12 +18,12 @@ import numpy as np
 import pandas as pd
 
 from navlearn.errors import LogError, MissingExtraError
+from navlearn.gnss.gnss_time import WEEK
 from navlearn.logs.formats.receiver import ReceiverLog, read_bytes
 from navlearn.logs.interval_means import FloatArray
 
 _NAV_PVT: Final = b"\x01\x07"
 _FIX_2D, _FIX_3D, _FIX_WITH_DEAD_RECKONING = 2, 3, 4
-_WEEK: Final = 604800.0
 _UBX_ONLY: Final = 2
 _MM: Final = 1e-3
 
@@ -97,8 +97,8 @@ def _is_fix(message: Any) -> bool:
 def _times(file: str, messages: list[Any]) -> tuple[FloatArray, bool]:
     week_seconds = np.array([message.iTOW for message in messages]) * 1e-3
     # A new week begins where the time of week falls back by half of one.
-    weeks = np.cumsum(np.diff(week_seconds, prepend=week_seconds[0]) < -0.5 * _WEEK)
-    since = week_seconds + weeks * _WEEK
+    weeks = np.cumsum(np.diff(week_seconds, prepend=week_seconds[0]) < -0.5 * WEEK)
+    since = week_seconds + weeks * WEEK
     utc = np.array([_utc(message) for message in messages])
     resolved = np.array([bool(message.fullyResolved) for message in messages])
     known = np.isfinite(utc)
