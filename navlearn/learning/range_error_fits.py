@@ -35,28 +35,6 @@ class Predicted(NamedTuple):
     outside: int = 0
 
 
-def _one_or_each(
-    windows: RangeWindows,
-    options: RangeErrorOptions,
-    run: Callable[[RangeWindows], Predicted],
-) -> Predicted:
-    """Return predictions of one model of all satellites, or of a model of each."""
-    if options.shared:
-        return run(windows)
-    parts = [run(_only(windows, k)) for k in range(windows.target.shape[0])]
-    return Predicted(
-        torch.cat([part.error for part in parts]),
-        torch.cat([part.variance for part in parts]),
-        tuple(model for part in parts for model in part.fitted),
-        sum(part.outside for part in parts),
-    )
-
-
-def _only(windows: RangeWindows, k: int) -> RangeWindows:
-    one = slice(k, k + 1)
-    return RangeWindows(windows.target[one], windows.inputs[one], windows.ahead[one], windows.step)
-
-
 class _Rows(NamedTuple):
     """Records to fit to, and what the model runs on ahead.
 
@@ -93,6 +71,29 @@ def _records(windows: RangeWindows, options: RangeErrorOptions) -> _Rows:
     return _Rows(fine, level, whole.double(), weight, ahead)
 
 
+def _one_or_each(
+    windows: RangeWindows,
+    options: RangeErrorOptions,
+    run: Callable[[RangeWindows, _Rows], Predicted],
+) -> Predicted:
+    """Return predictions of one model of all satellites, or of a model of each."""
+    if options.shared:
+        return run(windows, _records(windows, options))
+    each = [_only(windows, k) for k in range(windows.target.shape[0])]
+    parts = [run(part, _records(part, options)) for part in each]
+    return Predicted(
+        torch.cat([part.error for part in parts]),
+        torch.cat([part.variance for part in parts]),
+        tuple(model for part in parts for model in part.fitted),
+        sum(part.outside for part in parts),
+    )
+
+
+def _only(windows: RangeWindows, k: int) -> RangeWindows:
+    one = slice(k, k + 1)
+    return RangeWindows(windows.target[one], windows.inputs[one], windows.ahead[one], windows.step)
+
+
 def by_pci(windows: RangeWindows, options: RangeErrorOptions, source: TrainingSource) -> Predicted:
     """Return what parallel cascades predict.
 
@@ -105,8 +106,7 @@ def by_pci(windows: RangeWindows, options: RangeErrorOptions, source: TrainingSo
         FitError: No row can be learned from.
     """
 
-    def run(part: RangeWindows) -> Predicted:
-        rows = _records(part, options)
+    def run(part: RangeWindows, rows: _Rows) -> Predicted:
         fitted = fit_pci(rows.inputs, rows.target, options.pci_options(), rows.there, source=source)
         model = cast(PciModel, fitted.model)
         u = rows.ahead
@@ -130,8 +130,7 @@ def by_fos(windows: RangeWindows, options: RangeErrorOptions, source: TrainingSo
         FitError: No row can be learned from.
     """
 
-    def run(part: RangeWindows) -> Predicted:
-        rows = _records(part, options)
+    def run(part: RangeWindows, rows: _Rows) -> Predicted:
         fitted = fit_fos(
             rows.inputs, rows.target.unsqueeze(-1), rows.weight, options.fos_options(), source
         )
@@ -159,8 +158,7 @@ def by_anarx(
         FitError: No row can be learned from.
     """
 
-    def run(part: RangeWindows) -> Predicted:
-        rows = _records(part, options)
+    def run(part: RangeWindows, rows: _Rows) -> Predicted:
         network = options.anarx_options()
         fitted = fit_anarx(
             _free_runs(rows, _carried(part.target), part.step, options),
