@@ -10,7 +10,7 @@ from torch import Tensor
 
 from navlearn.filters.belief import Belief
 from navlearn.fusion.error_state import ErrorLayout
-from navlearn.fusion.ground_velocity import Odometry, ground_velocity
+from navlearn.fusion.ground_velocity import GroundVelocity, Odometry, ground_velocity
 from navlearn.fusion.lever_arm import LeverArm, arm_columns
 from navlearn.fusion.sensor_errors import SensorErrors
 
@@ -28,65 +28,68 @@ class AntennaMotion(NamedTuple):
     by_error: Tensor
 
 
-def antenna_offset(
-    errors: SensorErrors,
-    layout: ErrorLayout,
-    belief: Belief,
-    told: Odometry,
-    arm: LeverArm | None,
-    lag: Tensor,
-) -> AntennaMotion:
-    """Return where the antenna was a moment before the end of a block, from the car at the end.
+class CarAtEnd(NamedTuple):
+    """A car at the ends of blocks, as far as its antenna's motion hangs on it.
 
-    Args:
+    Attributes:
         errors: Sensor parameters of the filter.
         layout: Order of the error states.
         belief: Belief at the end, batch shape (...).
         told: What the last sample says.
         arm: Lever arm, or None where there is none.
+    """
+
+    errors: SensorErrors
+    layout: ErrorLayout
+    belief: Belief
+    told: Odometry
+    arm: LeverArm | None
+
+    def moving(self, lag: Tensor) -> GroundVelocity:
+        """Return the velocity of the navigating point a moment before the end.
+
+        Args:
+            lag: How long before, s, shape (...).
+        """
+        azimuth, offset = self.belief.state.azimuth, self.belief.velocity_offset
+        return ground_velocity(self.errors, self.told, azimuth, offset, lag)
+
+
+def antenna_offset(car: CarAtEnd, lag: Tensor) -> AntennaMotion:
+    """Return where the antenna was a moment before the end of a block, from the car at the end.
+
+    Args:
+        car: The car at the end, batch shape (...).
         lag: How long before the end, s, shape (...).
 
     Returns:
         Offset, batch shape (...).
     """
     unit = torch.eye(3, dtype=lag.dtype, device=lag.device).expand(*lag.shape, 3, 3)
-    by_error = torch.nn.functional.pad(unit, (0, layout.size - 3))
+    by_error = torch.nn.functional.pad(unit, (0, car.layout.size - 3))
     offset = torch.zeros_like(by_error[..., 0])
     if lag.requires_grad or bool((lag != 0.0).any()):
-        moved = ground_velocity(
-            errors, told, belief.state.azimuth, belief.velocity_offset, 0.5 * lag
-        )
+        moved = car.moving(0.5 * lag)
         back = lag.unsqueeze(-1)
         offset = offset - back * moved.velocity
         by_error = by_error - back.unsqueeze(-1) * moved.by_error
-    if arm is not None:
-        offset = offset + arm.arm
-        by_error = by_error + arm_columns(layout, errors, arm)
+    if car.arm is not None:
+        offset = offset + car.arm.arm
+        by_error = by_error + arm_columns(car.layout, car.errors, car.arm)
     return AntennaMotion(offset, by_error)
 
 
-def antenna_velocity(
-    errors: SensorErrors,
-    layout: ErrorLayout,
-    belief: Belief,
-    told: Odometry,
-    arm: LeverArm | None,
-    lag: Tensor,
-) -> AntennaMotion:
+def antenna_velocity(car: CarAtEnd, lag: Tensor) -> AntennaMotion:
     """Return the velocity of the antenna a moment before the end of a block.
 
     Args:
-        errors: Sensor parameters of the filter.
-        layout: Order of the error states.
-        belief: Belief at the end, batch shape (...).
-        told: What the last sample says.
-        arm: Lever arm, or None where there is none.
+        car: The car at the end, batch shape (...).
         lag: How long before the end, s, shape (...).
 
     Returns:
         Velocity and its change per correction, batch shape (...).
     """
-    now = ground_velocity(errors, told, belief.state.azimuth, belief.velocity_offset, lag)
+    now, told, arm, layout = car.moving(lag), car.told, car.arm, car.layout
     if arm is None:
         return AntennaMotion(*now)
     rate = told.turn.rate.unsqueeze(-1)
@@ -94,7 +97,7 @@ def antenna_velocity(
     e, n, _ = arm.arm.unbind(-1)
     inwards = -rate * torch.stack((e, n, torch.zeros_like(e)), -1)
     by_error = now.by_error + swing
-    if errors.pitch_bias:
+    if car.errors.pitch_bias:
         tip_e, tip_n, _ = arm.by_pitch_bias.unbind(-1)
         tipped = torch.stack((tip_n, -tip_e, torch.zeros_like(e)), -1)
         column = (rate * tipped).unsqueeze(-1)

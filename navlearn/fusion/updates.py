@@ -14,10 +14,10 @@ from torch import Tensor
 
 from navlearn.attitude import wrap_angle
 from navlearn.filters.belief import Belief
-from navlearn.fusion.antenna import antenna_offset, antenna_velocity
+from navlearn.fusion.antenna import CarAtEnd, antenna_offset, antenna_velocity
 from navlearn.fusion.error_state import ErrorLayout, position_difference
-from navlearn.fusion.ground_velocity import BlockEnd, Odometry, ground_velocity, odometry
-from navlearn.fusion.lever_arm import LeverArm, turned_arm
+from navlearn.fusion.ground_velocity import BlockEnd, odometry
+from navlearn.fusion.lever_arm import turned_arm
 from navlearn.fusion.measurements import Kind, Rows
 from navlearn.fusion.noise import EkfNoise
 from navlearn.fusion.sensor_errors import SensorErrors
@@ -103,18 +103,18 @@ def measured(
     zero = torch.zeros_like(belief.state.lat)
     present = [zero] * len(Kind)
     possible = [bool(_possible(model, occasion, kind).any()) for kind in model.rows.kinds]
-    scene = _scene(model, belief, occasion, noise) if any(possible) else None
+    car = car_at_end(model, belief, occasion.end) if any(possible) else None
     # a filter that takes nothing has rows, too: none
     none = zero.new_zeros((*zero.shape, 0))
     innovations, variances = [none], [none]
     observations = [zero.new_zeros((*zero.shape, 0, model.layout.size))]
     for kind, rows, here in zip(model.rows.kinds, model.rows.count, possible, strict=True):
-        if scene is None or not here:
+        if car is None or not here:
             innovations.append(zero.unsqueeze(-1).expand(*zero.shape, rows))
             variances.append(torch.ones_like(innovations[-1]))
             observations.append(zero[..., None, None].expand(*zero.shape, rows, model.layout.size))
             continue
-        part = _BUILD[kind](scene)
+        part = _BUILD[kind](_Scene(model, occasion, car, noise))
         there = (part.present > 0.5).unsqueeze(-1)
         innovations.append(torch.where(there, part.innovation, 0.0))
         variances.append(torch.where(there, part.variance, 1.0))
@@ -145,46 +145,40 @@ class _Scene(NamedTuple):
     """All that a measurement may depend on."""
 
     model: MeasurementModel
-    belief: Belief
     occasion: Occasion
-    told: Odometry
-    arm: LeverArm | None
+    car: CarAtEnd
     noise: EkfNoise
 
 
-def _scene(model: MeasurementModel, belief: Belief, occasion: Occasion, noise: EkfNoise) -> _Scene:
-    told = odometry(model.errors, occasion.end, belief.sensor)
-    return _Scene(model, belief, occasion, told, arm_of(model, belief, occasion.end), noise)
-
-
-def arm_of(model: MeasurementModel, belief: Belief, end: BlockEnd) -> LeverArm | None:
-    """Return the lever arm at the end of blocks, None where the antenna is where one navigates.
+def car_at_end(model: MeasurementModel, belief: Belief, end: BlockEnd) -> CarAtEnd:
+    """Return the car at the end of blocks as fixes and ranges see it.
 
     Args:
         model: What the filter measures.
         belief: Belief at the end, batch shape (...).
         end: Last sample of each block, shape (...) each.
     """
-    if model.lever_arm is None:
-        return None
-    return turned_arm(model.errors, model.lever_arm, belief, end.sample)
+    told, arm = odometry(model.errors, end, belief.sensor), None
+    if model.lever_arm is not None:
+        arm = turned_arm(model.errors, model.lever_arm, belief, end.sample)
+    return CarAtEnd(model.errors, model.layout, belief, told, arm)
 
 
 def _position(scene: _Scene) -> _Part:
-    model, belief, occasion, told, arm, noise = scene
-    fix = occasion.fix
-    at = NavState(fix.lat, fix.lon, fix.height, belief.state.azimuth)
-    there = antenna_offset(model.errors, model.layout, belief, told, arm, occasion.delay)
-    innovation = position_difference(at, belief.state) - there.value
+    _, occasion, car, noise = scene
+    fix, state = occasion.fix, car.belief.state
+    at = NavState(fix.lat, fix.lon, fix.height, state.azimuth)
+    there = antenna_offset(car, occasion.delay)
+    innovation = position_difference(at, state) - there.value
     sigma = torch.stack((fix.std_e, fix.std_n, fix.std_u), -1) * noise.position_inflation
     floor = torch.stack((noise.position_floor, noise.position_floor, noise.height_floor))
     return _Part(innovation, there.by_error, sigma * sigma + floor * floor, fix.has_position)
 
 
 def _velocity(scene: _Scene) -> _Part:
-    model, belief, occasion, told, arm, noise = scene
+    model, occasion, car, noise = scene
     fix = occasion.fix
-    now = antenna_velocity(model.errors, model.layout, belief, told, arm, occasion.delay)
+    now = antenna_velocity(car, occasion.delay)
     rows = model.rows.of(Kind.VELOCITY)
     count = 3 if rows is None else rows.stop - rows.start
     innovation = torch.stack((fix.v_e, fix.v_n, fix.v_u), -1) - now.value
@@ -203,8 +197,8 @@ def _velocity_variance(fix: GnssFix, noise: EkfNoise) -> Tensor:
 
 
 def _course(scene: _Scene) -> _Part:
-    model, belief, occasion, told, _, noise = scene
-    fix, azimuth = occasion.fix, belief.state.azimuth
+    model, occasion, car, noise = scene
+    fix, azimuth, told = occasion.fix, car.belief.state.azimuth, car.told
     slow = model.course_speed
     speed = torch.sqrt(fix.v_e * fix.v_e + fix.v_n * fix.v_n)
     fast = (speed > slow) & (told.v_h > slow) & (fix.has_velocity > 0.5)
@@ -222,8 +216,8 @@ def _course(scene: _Scene) -> _Part:
 
 
 def _zero_yaw_rate(scene: _Scene) -> _Part:
-    model, belief, occasion, _, _, noise = scene
-    rest, n = occasion.rest, model.layout.size
+    model, occasion, car, noise = scene
+    rest, belief, n = occasion.rest, car.belief, model.layout.size
     still = _stands(model, rest).to(rest.duration)
     first = model.layout.first_sensor
     if model.errors.velocity_states:
@@ -242,15 +236,9 @@ def _zero_yaw_rate(scene: _Scene) -> _Part:
 
 
 def _zero_speed(scene: _Scene) -> _Part:
-    model, belief, occasion, told, _, noise = scene
+    model, occasion, car, noise = scene
     still = _stands(model, occasion.rest).to(occasion.delay)
-    now = ground_velocity(
-        model.errors,
-        told,
-        belief.state.azimuth,
-        belief.velocity_offset,
-        torch.zeros_like(occasion.delay),
-    )
+    now = car.moving(torch.zeros_like(occasion.delay))
     variance = (noise.zero_speed**2).expand(now.velocity.shape)
     return _Part(-now.velocity, now.by_error, variance, still)
 

@@ -9,7 +9,6 @@ from navlearn.filters.belief import Belief
 from navlearn.frames import shift_geodetic
 from navlearn.fusion.antenna import antenna_offset, antenna_velocity
 from navlearn.fusion.filter_model import difference, fed_back, filter_model, predict_blocks
-from navlearn.fusion.ground_velocity import odometry
 from navlearn.fusion.measurements import Rows
 from navlearn.fusion.noise import EkfNoise, height_density, log_noise, noise_from_log
 from navlearn.fusion.opening import opened
@@ -26,7 +25,7 @@ from navlearn.fusion.tight.vehicle import (
     no_fixes,
 )
 from navlearn.fusion.timeline import Timeline, timeline, trajectory_of_blocks
-from navlearn.fusion.updates import Measured, Occasion, arm_of, measured
+from navlearn.fusion.updates import Measured, Occasion, car_at_end, measured
 from navlearn.states import FixTiming, GnssFix, RissSample, Trajectory
 
 
@@ -150,9 +149,8 @@ class RissVehicle(nn.Module):
         as a surprise.
         """
         model, end, noise = self.model, block.occasion.end, self.noise
-        arm = arm_of(model.measurement, belief, end)
-        seen = (model.errors, model.layout, belief, odometry(model.errors, end, belief.sensor), arm)
-        there, moving = antenna_offset(*seen, delay), antenna_velocity(*seen, delay)
+        car = car_at_end(model.measurement, belief, end)
+        there, moving = antenna_offset(car, delay), antenna_velocity(car, delay)
         lat, lon, height = shift_geodetic(*belief.state[:3], *there.value.unbind(-1))
         # the mean over a second of what the filter takes to move a driving car upwards
         climb = height_density(model.errors, noise) * (1.0 - end.sample.stationary)
