@@ -1,5 +1,6 @@
 """Errors as large as the tight filter says: drives, clocks and ranges drawn from its own model."""
 
+import logging
 from collections.abc import Callable
 from typing import Any
 
@@ -98,6 +99,8 @@ def check(found: dict[str, Tensor], history: Any, runs: int, wide: float) -> Non
         assert abs(ratios[name] - 1.0) < band + 0.02, (name, ratios[name], band)
         share = float((nis > chi_square_quantile(0.95, 1)).double().mean())
         assert 0.03 < share < 0.07
+    # pytest --log-cli-level=INFO shows them
+    logging.info(" ".join(f"{name} {ratio:.3f}" for name, ratio in ratios.items()))
 
 
 def test_errors_are_as_large_as_told(
