@@ -10,7 +10,7 @@ from navlearn.frames import shift_geodetic
 from navlearn.fusion.ins.antenna import ins_antenna_offset, ins_antenna_velocity
 from navlearn.fusion.ins.composed import ahead_of, has_closed_form
 from navlearn.fusion.ins.layout import belief_difference, moved_belief
-from navlearn.fusion.ins.model import ins_filter_model
+from navlearn.fusion.ins.model import InsFilterModel, ins_filter_model
 from navlearn.fusion.ins.moment import moment_of
 from navlearn.fusion.ins.noise import InsNoise, ins_noise_from_log, log_ins_noise
 from navlearn.fusion.ins.options import InsEkfOptions
@@ -24,8 +24,7 @@ from navlearn.fusion.ins.timeline import (
     ins_trajectory,
 )
 from navlearn.fusion.ins.updates import ins_measured
-from navlearn.fusion.measurements import Rows
-from navlearn.fusion.options import GateOptions
+from navlearn.fusion.tight.gated_vehicle import GatedVehicle
 from navlearn.fusion.tight.passes import InsPasses
 from navlearn.fusion.tight.vehicle import (
     Antenna,
@@ -51,11 +50,13 @@ class InsBlock(NamedTuple):
     occasion: InsOccasion
 
 
-class InsVehicle(nn.Module):
+class InsVehicle(GatedVehicle):
     """A car with three gyros and three accelerometers; answers ``Vehicle``.
 
     ``log_noise`` is as in :class:`navlearn.fusion.ins.loosely_coupled.InsEkf`.
     """
+
+    model: InsFilterModel
 
     def __init__(self, options: InsEkfOptions | None = None) -> None:
         """Make the options ready.
@@ -76,36 +77,6 @@ class InsVehicle(nn.Module):
     def noise(self) -> InsNoise:
         """Noise densities and deviations as they stand."""
         return ins_noise_from_log(self.log_noise)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the error states, in order."""
-        return self.model.layout.names
-
-    @property
-    def rows(self) -> Rows:
-        """Rows of what the vehicle measures of itself, fixes among them."""
-        return self.model.rows
-
-    @property
-    def limits(self) -> tuple[float, ...]:
-        """Largest NIS that the gate lets pass, per kind taken."""
-        return self.model.limits
-
-    @property
-    def gate(self) -> GateOptions:
-        """When a measurement is refused."""
-        return self.model.gate
-
-    @property
-    def anchor(self) -> int | None:
-        """The position of fixes, where they are used."""
-        return self.model.anchor
-
-    @property
-    def company(self) -> tuple[int, ...]:
-        """The velocity of fixes."""
-        return self.model.company
 
     def laid_out(self, samples: ImuSample, fixes: GnssFix | None, timing: FixTiming) -> VehicleLine:
         """Return drives in blocks that end where ranges are received; see ``Vehicle``."""

@@ -8,13 +8,19 @@ from torch import Tensor, nn
 from navlearn.filters.belief import Belief
 from navlearn.frames import shift_geodetic
 from navlearn.fusion.antenna import antenna_offset, antenna_velocity
-from navlearn.fusion.filter_model import difference, fed_back, filter_model, predict_blocks
-from navlearn.fusion.measurements import Rows
+from navlearn.fusion.filter_model import (
+    FilterModel,
+    difference,
+    fed_back,
+    filter_model,
+    predict_blocks,
+)
 from navlearn.fusion.noise import EkfNoise, height_density, log_noise, noise_from_log
 from navlearn.fusion.opening import opened
-from navlearn.fusion.options import EkfOptions, GateOptions
+from navlearn.fusion.options import EkfOptions
 from navlearn.fusion.record import path_in_blocks
 from navlearn.fusion.sequential import predict_sample
+from navlearn.fusion.tight.gated_vehicle import GatedVehicle
 from navlearn.fusion.tight.passes import RissPasses
 from navlearn.fusion.tight.vehicle import (
     Antenna,
@@ -43,11 +49,13 @@ class RissBlock(NamedTuple):
     occasion: Occasion
 
 
-class RissVehicle(nn.Module):
+class RissVehicle(GatedVehicle):
     """A car with one gyro and an odometer, in 2D or 3D; answers ``Vehicle``.
 
     ``log_noise`` is as in :class:`navlearn.fusion.loosely_coupled.LooselyCoupledEkf`.
     """
+
+    model: FilterModel
 
     def __init__(self, options: EkfOptions | None = None) -> None:
         """Make the options ready.
@@ -68,36 +76,6 @@ class RissVehicle(nn.Module):
     def noise(self) -> EkfNoise:
         """Noise densities and deviations as they stand."""
         return noise_from_log(self.log_noise)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the error states, in order."""
-        return self.model.layout.names
-
-    @property
-    def rows(self) -> Rows:
-        """Rows of what the vehicle measures of itself, fixes among them."""
-        return self.model.rows
-
-    @property
-    def limits(self) -> tuple[float, ...]:
-        """Largest NIS that the gate lets pass, per kind taken."""
-        return self.model.limits
-
-    @property
-    def gate(self) -> GateOptions:
-        """When a measurement is refused."""
-        return self.model.gate
-
-    @property
-    def anchor(self) -> int | None:
-        """Nothing vouches for the others."""
-        return self.model.anchor
-
-    @property
-    def company(self) -> tuple[int, ...]:
-        """Nothing, as there is no anchor."""
-        return self.model.company
 
     def laid_out(
         self, samples: RissSample, fixes: GnssFix | None, timing: FixTiming

@@ -1,0 +1,48 @@
+"""What every vehicle under a tightly coupled filter tells by the model of its own filter."""
+
+from torch import nn
+
+from navlearn.fusion.filter_model import FilterModel
+from navlearn.fusion.ins.model import InsFilterModel
+from navlearn.fusion.measurements import Rows
+from navlearn.fusion.options import GateOptions
+
+
+class GatedVehicle(nn.Module):
+    """What a filter model answers of ``Vehicle``, as in :class:`navlearn.fusion.gating.Gated`.
+
+    Attributes:
+        model: The vehicle's own loosely coupled filter, ready for computation.
+    """
+
+    model: FilterModel | InsFilterModel
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the error states, in order."""
+        return self.model.layout.names
+
+    @property
+    def rows(self) -> Rows:
+        """Rows of what the vehicle measures of itself, fixes among them."""
+        return self.model.rows
+
+    @property
+    def limits(self) -> tuple[float, ...]:
+        """Largest NIS that the gate lets pass, per kind taken."""
+        return self.model.limits
+
+    @property
+    def gate(self) -> GateOptions:
+        """When a measurement is refused."""
+        return self.model.gate
+
+    @property
+    def anchor(self) -> int | None:
+        """Kind that vouches for the others: the full IMU's position of fixes, none of RISS."""
+        return self.model.anchor
+
+    @property
+    def company(self) -> tuple[int, ...]:
+        """Kinds that are believed together with the anchor."""
+        return self.model.company
