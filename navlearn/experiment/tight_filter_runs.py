@@ -150,11 +150,12 @@ class TightFilterRuns:
         ranges = receptions(series.ranges, heard)
         timing = FixTiming(*(channel[heard] for channel in series.timing))
         options = tight_navigator_options(self.recipe, log)
+        bridged = line.bridged[:last] if isinstance(line, ImuTimeline) else None
         channels = (*samples, *fixes, *fix_timing, *ranges, *timing)
+        channels += () if bridged is None else (bridged,)
         key = _key(repr(options), series.satellites, channels)
         if key not in self._made:
             navigator = TightNavigator(options)
-            bridged = line.bridged[:last] if isinstance(line, ImuTimeline) else None
             run = navigator.run(
                 samples,
                 fixes,

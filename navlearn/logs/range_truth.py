@@ -12,9 +12,9 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from navlearn.errors import LogError, LogNotFoundError
+from navlearn.errors import LogError
 from navlearn.logs.drive_log import DriveLog
-from navlearn.logs.formats.csv_tables import read_frame
+from navlearn.logs.truth_file import read_truth, write_truth
 
 RANGE_TRUTH: Final = "range_truth.csv.gz"
 """File in the folder of a log that navlearn simulated."""
@@ -104,10 +104,7 @@ def save_range_truth(truth: RangeTruth, folder: Path) -> Path:
     Returns:
         The file.
     """
-    path = folder / RANGE_TRUTH
-    compression = {"method": "gzip", "mtime": 0, "compresslevel": 6}
-    truth.table.to_csv(path, index=False, float_format="%.17g", compression=compression)
-    return path
+    return write_truth(truth.table, folder / RANGE_TRUTH)
 
 
 def load_range_truth(folder: Path) -> RangeTruth:
@@ -120,21 +117,8 @@ def load_range_truth(folder: Path) -> RangeTruth:
         LogNotFoundError: There is none: the ranges are not simulated ones.
         LogError: The file cannot be used.
     """
-    path = folder / RANGE_TRUTH
-    if not path.is_file():
-        raise LogNotFoundError(
-            f"{folder}: no {RANGE_TRUTH}: the true errors of ranges are known of simulated ones "
-            "alone; make a drive with navlearn simulate --satellites"
-        )
-    table = read_frame(path)
-    missing = [name for name in COLUMNS if name not in table]
-    if missing:
-        raise LogError(f"{path}: no column {', '.join(missing)}; simulate the drive again")
-    numbers = [name for name in COLUMNS if name != "satellite"]
-    try:
-        values = table[numbers].astype(np.float64)
-    except ValueError as error:
-        raise LogError(f"{path}: not all numbers ({error}); simulate the drive again") from error
-    if not np.isfinite(values.to_numpy()).all():
-        raise LogError(f"{path}: values that are not finite; simulate the drive again")
-    return RangeTruth(table=values.assign(satellite=table["satellite"].astype(str))[list(COLUMNS)])
+    remedy = (
+        "the true errors of ranges are known of simulated ones alone; make a drive with navlearn "
+        "simulate --satellites"
+    )
+    return RangeTruth(table=read_truth(folder / RANGE_TRUTH, COLUMNS, remedy, texts="satellite"))

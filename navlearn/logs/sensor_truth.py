@@ -13,9 +13,9 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from navlearn.errors import LogError, LogNotFoundError
+from navlearn.errors import LogError
 from navlearn.logs.drive_log import DriveLog
-from navlearn.logs.formats.csv_tables import read_frame
+from navlearn.logs.truth_file import read_truth, write_truth
 
 Array = npt.NDArray[np.float64]
 
@@ -86,11 +86,8 @@ def save_sensor_truth(truth: SensorTruth, folder: Path) -> Path:
     Returns:
         The file.
     """
-    path = folder / SENSOR_TRUTH
     table = pd.DataFrame({name: getattr(truth, name) for name in COLUMNS})
-    compression = {"method": "gzip", "mtime": 0, "compresslevel": 6}
-    table.to_csv(path, index=False, float_format="%.17g", compression=compression)
-    return path
+    return write_truth(table, folder / SENSOR_TRUTH)
 
 
 def load_sensor_truth(folder: Path) -> SensorTruth:
@@ -103,20 +100,9 @@ def load_sensor_truth(folder: Path) -> SensorTruth:
         LogNotFoundError: There is none: the drive is not a simulated one.
         LogError: The file cannot be used.
     """
-    path = folder / SENSOR_TRUTH
-    if not path.is_file():
-        raise LogNotFoundError(
-            f"{folder}: no {SENSOR_TRUTH}: an oracle needs a simulated drive; make one with "
-            "navlearn simulate, or leave the oracles out"
-        )
-    table = read_frame(path)
-    missing = [name for name in COLUMNS if name not in table]
-    if missing:
-        raise LogError(f"{path}: no column {', '.join(missing)}; simulate the drive again")
-    try:
-        values = {name: table[name].to_numpy(np.float64) for name in COLUMNS}
-    except ValueError as error:
-        raise LogError(f"{path}: not all numbers ({error}); simulate the drive again") from error
-    if not all(np.isfinite(column).all() for column in values.values()):
-        raise LogError(f"{path}: values that are not finite; simulate the drive again")
-    return SensorTruth(**values)
+    remedy = (
+        "an oracle needs a simulated drive; make one with navlearn simulate, or leave the oracles "
+        "out"
+    )
+    table = read_truth(folder / SENSOR_TRUTH, COLUMNS, remedy)
+    return SensorTruth(**{name: table[name].to_numpy(np.float64) for name in COLUMNS})
