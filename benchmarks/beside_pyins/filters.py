@@ -12,11 +12,11 @@ from scipy.spatial.transform import Rotation
 from beside_pyins import frames
 from beside_pyins.work import LEVER_ARM
 from navlearn.filters.consistency import nees
+from navlearn.fusion.gate_options import GateOptions
 from navlearn.fusion.ins.layout import state_difference
 from navlearn.fusion.ins.loosely_coupled import InsEkf
 from navlearn.fusion.ins.options import InsEkfOptions, InsInitialOptions, InsNoiseOptions
 from navlearn.fusion.ins.start import initial_ins_belief
-from navlearn.fusion.options import GateOptions
 from navlearn.states import FixTiming, GnssFix, InsState
 
 BLOCKS = {

@@ -17,10 +17,11 @@ from navlearn.fusion.error_state import (
     position_difference,
     shifted,
 )
+from navlearn.fusion.gate_options import GateOptions
 from navlearn.fusion.ground_velocity import BlockEnd, odometry
 from navlearn.fusion.measurements import Rows, measurement_rows
 from navlearn.fusion.noise import EkfNoise
-from navlearn.fusion.options import EkfOptions, GateOptions
+from navlearn.fusion.options import EkfOptions
 from navlearn.fusion.sensor_errors import SensorErrors, advanced, sensor_errors
 from navlearn.fusion.shen_transition import move_offset, shen_transition
 from navlearn.fusion.transition import Linearised, bias_scale_transition

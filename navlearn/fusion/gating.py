@@ -7,8 +7,8 @@ from typing import NamedTuple, Protocol
 import torch
 from torch import Tensor
 
+from navlearn.fusion.gate_options import GateOptions
 from navlearn.fusion.measurements import Rows, Verdict
-from navlearn.fusion.options import GateOptions
 from navlearn.fusion.updates import Measured
 
 

@@ -32,6 +32,9 @@ class Verdict(IntEnum):
     ACCEPTED = 1
     REFUSED_BY_GATE = 2
     ACCEPTED_BY_RESET = 3
+    REFUSED_BY_PREDICTION = 4
+    REFUSED_BY_MOTION = 5
+    ACCEPTED_WITH_LESS_WEIGHT = 6
 
 
 @dataclass(frozen=True)

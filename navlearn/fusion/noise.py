@@ -5,7 +5,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from navlearn.fusion.options import NoiseOptions
+from navlearn.fusion.noise_options import NoiseOptions
 from navlearn.fusion.sensor_errors import SensorErrors
 from navlearn.states import RissSample
 

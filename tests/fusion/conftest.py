@@ -12,7 +12,9 @@ from navlearn import wgs84
 from navlearn.filters.belief import Belief
 from navlearn.frames import shift_geodetic
 from navlearn.fusion.error_state import initial_belief
-from navlearn.fusion.options import EkfOptions, GateOptions, InitialOptions, NoiseOptions
+from navlearn.fusion.gate_options import GateOptions
+from navlearn.fusion.noise_options import InitialOptions, NoiseOptions
+from navlearn.fusion.options import EkfOptions
 from navlearn.mechanization.riss_parallel import riss_over_time
 from navlearn.states import FixTiming, GnssFix, NavState, RissSample, Trajectory
 

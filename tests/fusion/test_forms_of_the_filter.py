@@ -8,9 +8,11 @@ import torch
 from navlearn.errors import ConfigError, FilterDivergedError, LogError, ShapeError
 from navlearn.frames import enu_between
 from navlearn.fusion.error_state import initial_belief
+from navlearn.fusion.gate_options import GateOptions
 from navlearn.fusion.loosely_coupled import LooselyCoupledEkf
 from navlearn.fusion.measurements import Kind, Verdict
-from navlearn.fusion.options import EkfOptions, GateOptions, NoiseOptions
+from navlearn.fusion.noise_options import NoiseOptions
+from navlearn.fusion.options import EkfOptions
 from navlearn.fusion.sensor_errors import odometer_acceleration
 from navlearn.mechanization.options import RissOptions
 from navlearn.mechanization.riss_parallel import riss_over_time

@@ -7,9 +7,10 @@ import torch
 
 from navlearn.filters.consistency import mean_band, nees
 from navlearn.fusion.error_state import initial_belief, position_difference
+from navlearn.fusion.gate_options import GateOptions
 from navlearn.fusion.loosely_coupled import LooselyCoupledEkf
 from navlearn.fusion.measurements import Kind
-from navlearn.fusion.options import EkfOptions, GateOptions
+from navlearn.fusion.options import EkfOptions
 from navlearn.states import NavState
 
 

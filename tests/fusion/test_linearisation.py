@@ -12,7 +12,8 @@ from navlearn.fusion.error_state import initial_belief, position_difference
 from navlearn.fusion.filter_model import difference, fed_back, filter_model, predict_blocks
 from navlearn.fusion.ground_velocity import BlockEnd
 from navlearn.fusion.noise import log_noise, noise_from_log
-from navlearn.fusion.options import EkfOptions, NoiseOptions
+from navlearn.fusion.noise_options import NoiseOptions
+from navlearn.fusion.options import EkfOptions
 from navlearn.fusion.standstill import Rest, rest_at_end
 from navlearn.fusion.updates import Occasion, measured
 from navlearn.mechanization.options import RissOptions

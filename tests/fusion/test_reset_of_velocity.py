@@ -3,9 +3,10 @@
 import pytest
 
 from navlearn.fusion.error_state import initial_belief
+from navlearn.fusion.gate_options import GateOptions
 from navlearn.fusion.loosely_coupled import LooselyCoupledEkf
 from navlearn.fusion.measurements import Kind
-from navlearn.fusion.options import EkfOptions, GateOptions
+from navlearn.fusion.options import EkfOptions
 
 
 @pytest.mark.filterwarnings("ignore:filter. :UserWarning")

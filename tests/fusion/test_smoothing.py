@@ -11,9 +11,11 @@ from navlearn.filters.belief import Belief
 from navlearn.filters.consistency import mean_band, nees
 from navlearn.frames import enu_between, shift_geodetic
 from navlearn.fusion.error_state import initial_belief, position_difference
+from navlearn.fusion.gate_options import GateOptions
 from navlearn.fusion.loosely_coupled import LooselyCoupledEkf
 from navlearn.fusion.measurements import Kind, Verdict
-from navlearn.fusion.options import EkfOptions, GateOptions, InitialOptions, NoiseOptions
+from navlearn.fusion.noise_options import InitialOptions, NoiseOptions
+from navlearn.fusion.options import EkfOptions
 from navlearn.fusion.smoothing import SmoothedDrive, SmoothingOptions, smooth
 from navlearn.mechanization.options import RissOptions
 from navlearn.states import FixTiming, GnssFix, NavState

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from torch import Tensor
 
 from navlearn.filters.consistency import chi_square_quantile
+from navlearn.fusion.gate_options import GateOptions
 from navlearn.fusion.ins.dahmane2022 import dahmane2022_dynamics
 from navlearn.fusion.ins.error_dynamics import Motion, phi_angle_dynamics, with_sensors
 from navlearn.fusion.ins.imu_errors import ImuErrors
@@ -15,7 +16,6 @@ from navlearn.fusion.ins.noise import InsNoise, walks, white_noise
 from navlearn.fusion.ins.options import InsEkfOptions
 from navlearn.fusion.ins.sample_step import decayed
 from navlearn.fusion.measurements import Rows
-from navlearn.fusion.options import GateOptions
 
 
 @dataclass(frozen=True)

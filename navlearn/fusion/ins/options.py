@@ -5,7 +5,8 @@ from dataclasses import dataclass, field, fields
 from typing import Literal
 
 from navlearn.errors import ConfigError
-from navlearn.fusion.options import GateOptions
+from navlearn.filters.unscented import UnscentedOptions
+from navlearn.fusion.gate_options import GateOptions
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,6 +122,7 @@ class InsEkfOptions:
         noise: Noise densities and deviations.
         initial: Standard deviations at the start.
         gate: When a measurement is refused.
+        unscented: Sigma points of the unscented filter; None is the extended one.
     """
 
     states: Literal[9, 15, 21] = 15
@@ -145,6 +147,7 @@ class InsEkfOptions:
     noise: InsNoiseOptions = field(default_factory=InsNoiseOptions)
     initial: InsInitialOptions = field(default_factory=InsInitialOptions)
     gate: GateOptions = field(default_factory=GateOptions)
+    unscented: UnscentedOptions | None = None
 
     def __post_init__(self) -> None:
         """Refuse what no filter can do.

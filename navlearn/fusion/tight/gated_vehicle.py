@@ -3,9 +3,9 @@
 from torch import nn
 
 from navlearn.fusion.filter_model import FilterModel
+from navlearn.fusion.gate_options import GateOptions
 from navlearn.fusion.ins.model import InsFilterModel
 from navlearn.fusion.measurements import Rows
-from navlearn.fusion.options import GateOptions
 
 
 class GatedVehicle(nn.Module):

@@ -14,8 +14,8 @@ from navlearn.errors import ConfigError
 from navlearn.filters.belief import Belief
 from navlearn.filters.ins_belief import InsBelief
 from navlearn.fusion.blocks import Blocks
+from navlearn.fusion.gate_options import GateOptions
 from navlearn.fusion.measurements import Rows
-from navlearn.fusion.options import GateOptions
 from navlearn.fusion.recursion import unstacked
 from navlearn.fusion.tight.passes import VehicleAhead as VehicleAhead
 from navlearn.fusion.tight.passes import VehiclePasses

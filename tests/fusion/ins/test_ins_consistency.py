@@ -6,11 +6,11 @@ import pytest
 import torch
 
 from navlearn.filters.consistency import mean_band, nees
+from navlearn.fusion.gate_options import GateOptions
 from navlearn.fusion.ins.layout import state_difference
 from navlearn.fusion.ins.loosely_coupled import InsEkf
 from navlearn.fusion.ins.measurements import InsKind
 from navlearn.fusion.ins.options import InsEkfOptions, InsInitialOptions, InsNoiseOptions
-from navlearn.fusion.options import GateOptions
 from navlearn.states import InsState
 
 TINY = 1e-8

@@ -6,11 +6,11 @@ import pytest
 import torch
 
 from navlearn.errors import ConfigError, FilterDivergedError, LogError, ShapeError
+from navlearn.fusion.gate_options import GateOptions
 from navlearn.fusion.ins.layout import INS_ERROR_UNITS, ins_layout
 from navlearn.fusion.ins.loosely_coupled import InsEkf
 from navlearn.fusion.ins.options import InsEkfOptions, InsInitialOptions, InsNoiseOptions
 from navlearn.fusion.ins.start import initial_ins_belief
-from navlearn.fusion.options import GateOptions
 from navlearn.states import FixTiming, GnssFix, ImuSample, InsState
 
 G = 9.80665

@@ -3,11 +3,11 @@
 import pytest
 import torch
 
+from navlearn.fusion.gate_options import GateOptions
 from navlearn.fusion.ins.layout import state_difference
 from navlearn.fusion.ins.loosely_coupled import InsEkf
 from navlearn.fusion.ins.options import InsEkfOptions
 from navlearn.fusion.ins.start import initial_ins_belief
-from navlearn.fusion.options import GateOptions
 from navlearn.states import FixTiming, GnssFix, ImuSample, InsState
 
 

@@ -7,11 +7,11 @@ import torch
 
 from navlearn.attitude import quaternion_from_angles
 from navlearn.frames import shift_geodetic
+from navlearn.fusion.gate_options import GateOptions
 from navlearn.fusion.ins.layout import moved_belief, state_difference
 from navlearn.fusion.ins.loosely_coupled import InsEkf
 from navlearn.fusion.ins.options import InsEkfOptions
 from navlearn.fusion.ins.start import initial_ins_belief
-from navlearn.fusion.options import GateOptions
 from navlearn.mechanization.strapdown import strapdown_in_turn
 from navlearn.states import FixTiming, GnssFix, ImuSample, InsState
 

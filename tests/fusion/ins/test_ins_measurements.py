@@ -13,6 +13,7 @@ from navlearn.attitude import (
     quaternion_multiply,
 )
 from navlearn.frames import shift_geodetic
+from navlearn.fusion.gate_options import GateOptions
 from navlearn.fusion.ins.layout import ins_layout, moved_belief, state_difference
 from navlearn.fusion.ins.loosely_coupled import InsEkf
 from navlearn.fusion.ins.measurements import InsKind
@@ -22,7 +23,6 @@ from navlearn.fusion.ins.options import InsEkfOptions, InsNoiseOptions
 from navlearn.fusion.ins.start import initial_ins_belief
 from navlearn.fusion.ins.wheels import axle_velocity
 from navlearn.fusion.measurements import Verdict
-from navlearn.fusion.options import GateOptions
 from navlearn.states import FixTiming, GnssFix, ImuSample, InsState
 
 ALONE = {

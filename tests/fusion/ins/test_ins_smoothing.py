@@ -16,6 +16,7 @@ from navlearn.errors import ShapeError
 from navlearn.filters.consistency import mean_band, nees
 from navlearn.filters.ins_belief import InsBelief, map_ins_belief
 from navlearn.frames import shift_geodetic
+from navlearn.fusion.gate_options import GateOptions
 from navlearn.fusion.ins.layout import moved_state, state_difference
 from navlearn.fusion.ins.loosely_coupled import InsEkf
 from navlearn.fusion.ins.measurements import InsKind
@@ -27,7 +28,6 @@ from navlearn.fusion.ins.start import initial_ins_belief
 from navlearn.fusion.ins.timeline import ins_timeline
 from navlearn.fusion.ins.updates import ins_measured
 from navlearn.fusion.measurements import Verdict
-from navlearn.fusion.options import GateOptions
 from navlearn.fusion.smoothing import SmoothingOptions
 from navlearn.mechanization.strapdown_parallel import strapdown_over_time
 from navlearn.states import FixTiming, GnssFix, ImuSample, InsState

@@ -11,8 +11,8 @@ from torch import Tensor
 from navlearn.filters.belief import Belief
 from navlearn.frames import ecef_from_geodetic, enu_between, enu_from_ecef_matrix, shift_geodetic
 from navlearn.fusion.blocks import cut, gathered
+from navlearn.fusion.gate_options import GateOptions
 from navlearn.fusion.measurements import Kind, Rows
-from navlearn.fusion.options import GateOptions
 from navlearn.fusion.tight.module import TightEkf
 from navlearn.fusion.tight.options import ClockOptions, RangeGateOptions, TightEkfOptions
 from navlearn.fusion.tight.vehicle import Antenna, VehicleAhead, VehicleLine
