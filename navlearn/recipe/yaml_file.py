@@ -86,3 +86,12 @@ def _marks(root: yaml.Node, path: Path) -> Iterator[tuple[KeyPath, int]]:
             for index, item in enumerate(node.value):
                 yield (*prefix, index), item.start_mark.line + 1
                 pending.append(((*prefix, index), item))
+
+
+def yaml_text(content: dict[str, Any]) -> str:
+    """Return a mapping of plain values as YAML, its keys in their order.
+
+    Args:
+        content: Keys and values.
+    """
+    return yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
