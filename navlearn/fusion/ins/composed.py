@@ -59,12 +59,46 @@ def ahead_of(
         Belief at the end, covariance as at the start; Φ and Q.
     """
     compose = by_preintegration if has_closed_form(model) else by_product
+    held, sensor = _sensor_over(model, point, samples)
+    state, transition, q = compose(model, held, samples, noise)
+    return point._replace(state=state, sensor=sensor), transition, q
+
+
+def end_of(
+    model: InsFilterModel, point: InsBelief, samples: ImuSample, noise: InsNoise
+) -> InsBelief:
+    """Return the ends of blocks alone, as :func:`ahead_of` has them.
+
+    Args:
+        model: The filter.
+        point: Belief at the start of each block, batch shape (...).
+        samples: Samples of the blocks, coning compensated, shape (..., n) each.
+        noise: Noise densities.
+
+    Returns:
+        Belief at the end, covariance as at the start.
+    """
+    held, sensor = _sensor_over(model, point, samples)
+    if has_closed_form(model):
+        state = predict(point.state, preintegrated(model, held.sensor, samples, noise))
+    else:
+        state = _last(path_over_samples(model, held, samples), point)
+    return point._replace(state=state, sensor=sensor)
+
+
+def _sensor_over(
+    model: InsFilterModel, point: InsBelief, samples: ImuSample
+) -> tuple[InsBelief, Tensor]:
+    """Return beliefs whose sensor parameters hold over blocks, and the parameters afterwards."""
     duration = samples.dt.sum(-1)
     # a bias that decays is held at its value in the middle of the block
     held = point._replace(sensor=advanced_sensor(model, point.sensor, 0.5 * duration))
-    state, transition, q = compose(model, held, samples, noise)
-    sensor = advanced_sensor(model, point.sensor, duration)
-    return point._replace(state=state, sensor=sensor), transition, q
+    return held, advanced_sensor(model, point.sensor, duration)
+
+
+def _last(path: InsState, point: InsBelief) -> InsState:
+    along = point.state.lat.dim()
+    return InsState(*(channel.select(along, -1) for channel in path))
 
 
 def by_preintegration(
@@ -150,6 +184,4 @@ def by_product(
         model, motion_between(states_before(point.state, ends), ends, omega, force), errors
     )
     transition, q = discretized(F, diffusion(model.layout, omega, noise), samples.dt)
-    along = point.state.lat.dim()
-    end = InsState(*(channel.select(along, -1) for channel in ends))
-    return end, *composed(transition, q)
+    return _last(ends, point), *composed(transition, q)

@@ -8,11 +8,13 @@ import torch
 from torch import Tensor
 
 from navlearn.filters.ins_belief import InsBelief
-from navlearn.fusion.ins.layout import moved_state
-from navlearn.fusion.ins.model import InsFilterModel
+from navlearn.fusion.ins.layout import imu_corrected, imu_errors, moved_state
+from navlearn.fusion.ins.model import InsFilterModel, advanced_sensor
 from navlearn.fusion.ins.noise import InsNoise, walks, white_noise
 from navlearn.fusion.ins.recursion import InsCarried
 from navlearn.fusion.ins.sample_step import sample_step
+from navlearn.mechanization.coning import coning_sculling_step
+from navlearn.mechanization.strapdown import local_level_step
 from navlearn.states import ImuSample, InsState
 
 
@@ -39,6 +41,24 @@ def predict_ins_sample(
         white_noise(noise),
         walks(model.layout, noise),
     )
+
+
+def carried_ins_sample(model: InsFilterModel, belief: InsBelief, sample: ImuSample) -> InsBelief:
+    """Return a belief moved over one sample, its covariance as it was.
+
+    Args:
+        model: The filter.
+        belief: Belief before the interval, batch shape (...).
+        sample: The sample, shape (...) each.
+
+    Returns:
+        Belief after the interval.
+    """
+    errors = imu_errors(model.layout, belief.sensor)
+    omega, force = imu_corrected(errors, sample.omega_ib_b, sample.f_b)
+    rotation, velocity = coning_sculling_step(omega, force, sample.dt)
+    state = local_level_step(belief.state, rotation, velocity, sample.dt)
+    return belief._replace(state=state, sensor=advanced_sensor(model, belief.sensor, sample.dt))
 
 
 def predict_ins_in_turn(

@@ -8,7 +8,7 @@ from torch import Tensor, nn
 from navlearn.filters.ins_belief import InsBelief
 from navlearn.frames import shift_geodetic
 from navlearn.fusion.ins.antenna import ins_antenna_offset, ins_antenna_velocity
-from navlearn.fusion.ins.composed import ahead_of, has_closed_form
+from navlearn.fusion.ins.composed import ahead_of, end_of, has_closed_form
 from navlearn.fusion.ins.layout import belief_difference, moved_belief
 from navlearn.fusion.ins.model import InsFilterModel, ins_filter_model
 from navlearn.fusion.ins.moment import moment_of
@@ -16,7 +16,7 @@ from navlearn.fusion.ins.noise import InsNoise, ins_noise_from_log, log_ins_nois
 from navlearn.fusion.ins.options import InsEkfOptions
 from navlearn.fusion.ins.path import ins_path_in_blocks
 from navlearn.fusion.ins.recursion import ins_opened
-from navlearn.fusion.ins.sequential import predict_ins_sample
+from navlearn.fusion.ins.sequential import carried_ins_sample, predict_ins_sample
 from navlearn.fusion.ins.timeline import (
     InsOccasion,
     InsTimeline,
@@ -48,6 +48,20 @@ class InsBlock(NamedTuple):
 
     samples: ImuSample
     occasion: InsOccasion
+
+
+def over_points(samples: ImuSample, shape: torch.Size) -> ImuSample:
+    """Return samples of blocks for each of the points that are carried over them.
+
+    Args:
+        samples: Samples, batch shape (...) or, for all points alike, (..., 1), and n each.
+        shape: Batch shape (..., P) of the points.
+
+    Returns:
+        Samples, batch shape (..., P), views of those given.
+    """
+    n = samples.dt.shape[-1]
+    return ImuSample(*(x.expand(*shape, n, *x.shape[samples.dt.dim() :]) for x in samples))
 
 
 class InsVehicle(GatedVehicle):
@@ -107,6 +121,18 @@ class InsVehicle(GatedVehicle):
             at, transition = predict_ins_sample(self.model, at, ImuSample(*channels), self.noise)
             whole = transition @ whole
         return VehicleAhead(at._replace(covariance=belief.covariance), whole, at.covariance)
+
+    def carried(self, belief: InsBelief, block: InsBlock) -> InsBelief:
+        """Return beliefs moved over blocks, their covariance as it was; see ``Vehicle``."""
+        samples = over_points(block.samples, belief.state.lat.shape)
+        return end_of(self.model, belief, samples, self.noise)
+
+    def carried_in_turn(self, belief: InsBelief, block: InsBlock) -> InsBelief:
+        """Return the same sample by sample: the oracle of :meth:`carried`."""
+        samples, along = over_points(block.samples, belief.state.lat.shape), belief.state.lat.dim()
+        for channels in zip(*(x.unbind(along) for x in samples), strict=True):
+            belief = carried_ins_sample(self.model, belief, ImuSample(*channels))
+        return belief
 
     def measured(self, belief: InsBelief, block: InsBlock) -> Measured:
         """Return what the vehicle measures of itself at the ends of blocks."""
