@@ -1,14 +1,58 @@
 """One gated update: judge each kind of measurement, blank what is refused, correct by the rest."""
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
-from navlearn.filters.ekf import Corrected, corrected, gain_of_projected, projected, update
+from navlearn.filters.ekf import Corrected, corrected, gain_of_projected, projected
 from navlearn.fusion.gating import Gated, Judged, judged, nis_by_kind, taken
 from navlearn.fusion.measurements import Verdict
 from navlearn.fusion.updates import Measured
+
+
+class Believed(NamedTuple):
+    """What the gate lets pass.
+
+    Attributes:
+        used: Measurements with the refused ones blanked out, shape (...).
+        opened: Variance added because the gate resets, shape (..., n), or None where it does not.
+        judged: What the gate said.
+    """
+
+    used: Measured
+    opened: Tensor | None
+    judged: Judged
+
+
+def believed(
+    model: Gated,
+    spread: Tensor,
+    refused: Tensor,
+    found: Measured,
+    opened: Callable[[Tensor], Tensor],
+) -> Believed:
+    """Return what of the measurements is to be used.
+
+    Args:
+        model: The filter's gate and rows.
+        spread: H P Hᵀ, shape (..., r, r).
+        refused: Consecutive refusals before, shape (..., kinds).
+        found: What is measured, shape (...).
+        opened: Gives the variance added where the gate resets, shape (..., n), from the verdicts.
+
+    Returns:
+        What passes.
+    """
+    nis = nis_by_kind(model, found, found.innovation, spread)
+    verdict = judged(model, nis, found.present, refused)
+    if not bool((verdict.verdict > int(Verdict.ACCEPTED)).any()):
+        return Believed(found, None, verdict)
+    more = None
+    if bool((verdict.verdict == int(Verdict.ACCEPTED_BY_RESET)).any()):
+        more = opened(verdict.verdict)
+    return Believed(taken(model, found, verdict.verdict), more, verdict)
 
 
 def gated_update(
@@ -24,20 +68,19 @@ def gated_update(
         model: The filter's gate and rows.
         covariance: P before the update, shape (..., n, n).
         refused: Consecutive refusals before, shape (..., kinds).
-        found: What is measured, shape (...).
+        found: What is measured, shape (...); a filter that leaves ``extra`` updates by the root
+            of its covariance instead.
         opened: Gives the variance added where the gate resets, shape (..., n), from the verdicts.
 
     Returns:
         Correction with covariance and gain, and what the gate said.
     """
     cross, spread = projected(covariance, found.observation)
-    nis = nis_by_kind(model, found, found.innovation, spread)
-    verdict = judged(model, nis, found.present, refused)
-    if not bool((verdict.verdict > int(Verdict.ACCEPTED)).any()):
-        gain = gain_of_projected(cross, spread, found.variance)
-        H, R = found.observation, found.variance
-        return corrected(covariance, H, R, found.innovation, gain), verdict
-    used = taken(model, found, verdict.verdict)
-    if bool((verdict.verdict == int(Verdict.ACCEPTED_BY_RESET)).any()):
-        covariance = covariance + torch.diag_embed(opened(verdict.verdict))
-    return update(covariance, used.observation, used.variance, used.innovation), verdict
+    used, more, verdict = believed(model, spread, refused, found, opened)
+    if more is not None:
+        covariance = covariance + torch.diag_embed(more)
+    if used is not found:
+        cross, spread = projected(covariance, used.observation)
+    gain = gain_of_projected(cross, spread, used.variance)
+    H, R = used.observation, used.variance
+    return corrected(covariance, H, R, used.innovation, gain), verdict

@@ -68,6 +68,8 @@ def nis_by_kind(model: Gated, measured: Measured, innovation: Tensor, spread: Te
         NIS, zero where nothing is measured, shape (..., kinds).
     """
     owner, together = _owner(model.rows, innovation.dtype, innovation.device)
+    if measured.extra is not None:
+        spread = spread + measured.extra
     total = spread * together + torch.diag_embed(measured.variance)
     factor = torch.linalg.cholesky_ex(total)[0]
     white = torch.linalg.solve_triangular(factor, innovation.unsqueeze(-1), upper=False)
@@ -158,9 +160,13 @@ def taken(model: Gated, measured: Measured, verdict: Tensor) -> Measured:
     """
     fine = (verdict == int(Verdict.ACCEPTED)) | (verdict == int(Verdict.ACCEPTED_BY_RESET))
     keep = model.rows.spread(fine)
+    extra = measured.extra
+    if extra is not None:
+        extra = torch.where(keep.unsqueeze(-1) & keep.unsqueeze(-2), extra, 0.0)
     return Measured(
         torch.where(keep, measured.innovation, 0.0),
         torch.where(keep.unsqueeze(-1), measured.observation, 0.0),
         torch.where(keep, measured.variance, 1.0),
         measured.present,
+        extra,
     )

@@ -49,12 +49,15 @@ class Measured(NamedTuple):
         observation: H, shape (..., r, n).
         variance: Diagonal of R, shape (..., r).
         present: 1.0 where a kind is measured, shape (..., 5).
+        extra: What a measurement that is not linear adds to R, a covariance over all rows, shape
+            (..., r, r); None where H tells all.
     """
 
     innovation: Tensor
     observation: Tensor
     variance: Tensor
     present: Tensor
+    extra: Tensor | None = None
 
 
 class MeasurementModel(NamedTuple):
