@@ -26,7 +26,11 @@ class Kind(IntEnum):
 
 
 class Verdict(IntEnum):
-    """What became of a measurement."""
+    """What became of a measurement.
+
+    A refused one names its reason. One of less weight was taken with more than twice the variance
+    that it told.
+    """
 
     ABSENT = 0
     ACCEPTED = 1
@@ -35,6 +39,33 @@ class Verdict(IntEnum):
     REFUSED_BY_PREDICTION = 4
     REFUSED_BY_MOTION = 5
     ACCEPTED_WITH_LESS_WEIGHT = 6
+
+
+def believed(verdict: Tensor) -> Tensor:
+    """Return whether measurements were taken, by a reset or with less weight among them.
+
+    Args:
+        verdict: Codes of :class:`Verdict`, shape (...).
+    """
+    codes = (Verdict.ACCEPTED, Verdict.ACCEPTED_BY_RESET, Verdict.ACCEPTED_WITH_LESS_WEIGHT)
+    return _among(verdict, codes)
+
+
+def refused(verdict: Tensor) -> Tensor:
+    """Return whether measurements were refused, for whatever reason.
+
+    Args:
+        verdict: Codes of :class:`Verdict`, shape (...).
+    """
+    codes = (Verdict.REFUSED_BY_GATE, Verdict.REFUSED_BY_PREDICTION, Verdict.REFUSED_BY_MOTION)
+    return _among(verdict, codes)
+
+
+def _among(verdict: Tensor, codes: tuple[Verdict, ...]) -> Tensor:
+    found = verdict == int(codes[0])
+    for code in codes[1:]:
+        found = found | (verdict == int(code))
+    return found
 
 
 @dataclass(frozen=True)

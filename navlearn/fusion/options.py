@@ -105,10 +105,6 @@ class EkfOptions:
                 raise ConfigError(
                     f"EkfOptions.{name}: found {getattr(self, name)}; expected more than 0 s"
                 )
-        if not 0.0 < self.gate.probability <= 1.0:
-            raise ConfigError(
-                f"GateOptions.probability: found {self.gate.probability}; expected in (0, 1]"
-            )
         for entry in fields(self.noise):
             value = getattr(self.noise, entry.name)
             if not 0.0 <= value < math.inf:

@@ -193,10 +193,6 @@ class InsEkfOptions:
                     f"InsEkfOptions.{name}: found {getattr(self, name)}; expected a finite value "
                     ">= 0"
                 )
-        if not 0.0 < self.gate.probability <= 1.0:
-            raise ConfigError(
-                f"GateOptions.probability: found {self.gate.probability}; expected in (0, 1]"
-            )
         for group, positive in ((self.noise, False), (self.initial, True)):
             for entry in fields(group):
                 value = getattr(group, entry.name)

@@ -6,7 +6,6 @@ import pytest
 import torch
 
 from navlearn.errors import ConfigError, FilterDivergedError, LogError, ShapeError
-from navlearn.fusion.gate_options import GateOptions
 from navlearn.fusion.ins.layout import INS_ERROR_UNITS, ins_layout
 from navlearn.fusion.ins.loosely_coupled import InsEkf
 from navlearn.fusion.ins.options import InsEkfOptions, InsInitialOptions, InsNoiseOptions
@@ -187,7 +186,6 @@ def test_noise_far_too_small_is_warned_about(make_drive, lever_arm):
         ({"correlation_time": 0.0}, "InsEkfOptions.correlation_time"),
         ({"lever_arm": (1.0, 2.0)}, "three finite numbers"),
         ({"mounting": (0.0, 90.0, 0.0)}, "math.radians"),
-        ({"gate": GateOptions(probability=0.0)}, "GateOptions.probability"),
         ({"noise": InsNoiseOptions(turn_noise=-1.0)}, "InsNoiseOptions.turn_noise"),
         ({"initial": InsInitialOptions(tilt=0.0)}, "InsInitialOptions.tilt"),
     ],
