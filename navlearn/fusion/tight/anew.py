@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from navlearn.fusion.tight.clock import BIAS, DRIFT
-from navlearn.fusion.tight.model import SURPRISES, TightModel
+from navlearn.fusion.tight.model import TightModel
 from navlearn.fusion.updates import Measured
 
 FARTHEST = 3e4
@@ -91,7 +91,9 @@ def begun_anew(
     drift = torch.where(flags.clock[..., DRIFT], rates, 0.0)
     shift = _with_offsets(innovation, by_clock, present, bias, drift, flags.clock)
     off = (innovation - shift[..., :1]).detach().abs()
-    return Anew(before.shift + shift, _variance(model, flags, common(off, present)))
+    variance = _variance(model, flags, common(off, present))
+    beside = found.observation.shape[-1] - model.size
+    return Anew(before.shift + shift, torch.nn.functional.pad(variance, (0, beside)))
 
 
 def told_by_clock(model: TightModel, found: Measured, shift: Tensor) -> Tensor:
@@ -147,7 +149,7 @@ def _with_offsets(
 
 
 def _variance(model: TightModel, flags: Flags, off: Tensor) -> Tensor:
-    """Return the variance added; ``off`` is how far pseudoranges are off in the middle, m."""
+    """Return the variance added to error states; ``off`` is how far off ranges mostly are."""
     gate, turn = model.options.gate, model.vehicle.gate.reset_azimuth
     clock = off.new_full((model.size - model.first_clock,), gate.anew_clock)
     clock[DRIFT] = gate.anew_drift
@@ -165,7 +167,7 @@ def _variance(model: TightModel, flags: Flags, off: Tensor) -> Tensor:
     placed = far * off.new_tensor(position) * flags.position.unsqueeze(-1)
     moving = off.new_tensor(motion) * flags.motion.unsqueeze(-1)
     deviation = torch.cat((placed + moving, clock * flags.clock), -1)
-    return torch.nn.functional.pad(deviation * deviation, (0, SURPRISES))
+    return deviation * deviation
 
 
 def _places(by_clock: Tensor) -> Tensor:

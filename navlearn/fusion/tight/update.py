@@ -11,10 +11,11 @@ from navlearn.fusion.gating import Judged, judged, nis_by_kind, taken
 from navlearn.fusion.measurements import Verdict
 from navlearn.fusion.tight.anew import told_by_clock
 from navlearn.fusion.tight.integrity import RangesJudged, judged_ranges
-from navlearn.fusion.tight.model import SURPRISES, TightModel
+from navlearn.fusion.tight.model import TightModel
 from navlearn.fusion.tight.noise import TightNoise
 from navlearn.fusion.tight.packing import Places
-from navlearn.fusion.tight.ranges import measured_ranges, variance_in_series, with_surprise
+from navlearn.fusion.tight.ranges import variance_in_series
+from navlearn.fusion.tight.seen import See, seen_linearly
 from navlearn.fusion.tight.timeline import Reception
 from navlearn.fusion.updates import Measured
 
@@ -49,6 +50,7 @@ def updated(
     reception: Reception,
     places: Places,
     noise: TightNoise,
+    see: See = seen_linearly,
 ) -> TightEnded:
     """Update with all that is measured at the end of a block.
 
@@ -62,21 +64,20 @@ def updated(
         reception: What was received, at places, batch shape (...).
         places: Which satellite stands where, batch shape (...).
         noise: Noise of ranges.
+        see: How what is measured is seen.
 
     Returns:
         The record of this end, errors fed back in its belief; satellites at places, but refusals
         in beliefs at slots.
     """
     vehicle = model.vehicle
-    antenna = vehicle.antenna(prior.vehicle, block, reception.delay)
-    found = measured_ranges(antenna, prior.clock, reception, noise)
-    covariance = with_surprise(prior.covariance, antenna)
+    own, found, covariance = see(model, prior, block, reception, noise)
     ranges = judged_ranges(model, found, covariance, places.packed_counts(prior.refused))
-    own = vehicle.measured(prior.vehicle, block)
-    said = own_judged(model, own, prior, ranges)
+    said = own_judged(model, own, covariance, prior, ranges)
     variance = ranges.anew.variance
     if bool((said.verdict == int(Verdict.ACCEPTED_BY_RESET)).any()):
-        opened = vehicle.opened(said.verdict, own, own.innovation)
+        states = own._replace(observation=own.observation[..., : model.first_clock])
+        opened = vehicle.opened(said.verdict, states, own.innovation)
         variance = variance + torch.nn.functional.pad(
             opened, (0, variance.shape[-1] - opened.shape[-1])
         )
@@ -105,7 +106,11 @@ def updated(
 
 
 def own_judged(
-    model: TightModel, own: Measured, prior: TightBelief[Any], ranges: RangesJudged
+    model: TightModel,
+    own: Measured,
+    covariance: Tensor,
+    prior: TightBelief[Any],
+    ranges: RangesJudged,
 ) -> Judged:
     """Return what is believed of what the vehicle measures of itself.
 
@@ -116,14 +121,15 @@ def own_judged(
     Args:
         model: The filter.
         own: What the vehicle measures, shape (...).
+        covariance: P, of which H takes as many states as it has columns.
         prior: Prediction, batch shape (...).
         ranges: What is believed of the ranges.
 
     Returns:
         Verdicts per kind.
     """
-    vehicle, n = model.vehicle, model.first_clock
-    _, spread = projected(prior.covariance[..., :n, :n], own.observation)
+    vehicle, w = model.vehicle, own.observation.shape[-1]
+    _, spread = projected(covariance[..., :w, :w], own.observation)
     nis = nis_by_kind(vehicle, own, own.innovation, spread)
     refused = prior.vehicle.refused
     if vehicle.anchor is None:
@@ -180,7 +186,7 @@ def stacked_rows(
         Rows in error states and surprises; refused ones are blank.
     """
     heard = taken(model.vehicle, own, said.verdict)
-    further = model.size + SURPRISES - model.first_clock
+    further = found.observation.shape[-1] - heard.observation.shape[-1]
     keep = (ranges.verdict == int(Verdict.ACCEPTED)) | (
         ranges.verdict == int(Verdict.ACCEPTED_BY_RESET)
     )
