@@ -21,11 +21,13 @@ from navlearn.logs.resample import ResampleOptions, RissTimeline, riss_timeline
 from navlearn.logs.sensor_truth import SensorTruth
 from navlearn.logs.synthetic import SimulatedDrive, jaradat2017_scenario, simulate_drive
 from navlearn.logs.synthetic.degrade import degrade_gyro, degraded_drive
+from navlearn.logs.synthetic.faults import with_faults
 from navlearn.logs.synthetic.grades import find_grade
 from navlearn.logs.synthetic.semi_real import with_aiding_from_reference
 from navlearn.outages.placement import place_outages
 from navlearn.outages.schedule import Placement
 from navlearn.recipe import Recipe
+from navlearn.recipe.fault_section import FaultSection
 from navlearn.recipe.log_section import SCENARIO, AidingSection, SimulatedSection
 from navlearn.recipe.satellite_section import satellite_options
 
@@ -63,7 +65,8 @@ def open_log(recipe: Recipe) -> DriveLog:
     """
     log, added = _own_log(recipe), recipe.log.gyro
     log = log if added is None else degrade_gyro(log, added.grade, added.seed)
-    return log if recipe.log.aiding is None else _aided(log, recipe.log.aiding)
+    log = log if recipe.log.aiding is None else _aided(log, recipe.log.aiding)
+    return log if recipe.log.faults is None else _faulty(log, recipe, recipe.log.faults)
 
 
 def _own_log(recipe: Recipe) -> DriveLog:
@@ -118,6 +121,16 @@ def _aided(log: DriveLog, made: AidingSection) -> DriveLog:
         lever_arm=log.metadata.lever_arm,
         seed=made.seed,
     )
+
+
+def _faulty(log: DriveLog, recipe: Recipe, asked: FaultSection) -> DriveLog:
+    """Return the log with faults in its fixes, single-point ones where it has no others."""
+    if log.reference is None:
+        raise LogError(
+            f"{log.metadata.name}: faults would be put into the fixes by which this log is judged, "
+            "because it has no reference; leave log.faults out"
+        )
+    return with_faults(with_fixes(log, recipe), asked.options()).log
 
 
 def sensor_truth_of(recipe: Recipe) -> SensorTruth | None:

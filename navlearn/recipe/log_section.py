@@ -6,6 +6,7 @@ from typing import Annotated, Final
 from pydantic import Field, model_validator
 
 from navlearn.logs.nearest import nearest_hint
+from navlearn.recipe.fault_section import FaultSection
 from navlearn.recipe.satellite_section import Satellites
 from navlearn.recipe.spec_base import Positive, Seed
 from navlearn.recipe.strict import Section
@@ -104,6 +105,7 @@ class LogSource(Section):
         gyro: A synthetic error to add to the log's gyro; None leaves it as it was recorded.
         aiding: Fixes and odometer to make from the reference, for logs that have none of their
             own; None takes what the log has.
+        faults: What goes wrong with the fixes, whoever made them; None leaves them as they are.
     """
 
     descriptor: Path | None = None
@@ -113,6 +115,7 @@ class LogSource(Section):
     between_s: tuple[float, float] | None = None
     gyro: GyroErrorSection | None = None
     aiding: AidingSection | None = None
+    faults: FaultSection | None = None
 
     @model_validator(mode="after")
     def _one_source(self) -> "LogSource":

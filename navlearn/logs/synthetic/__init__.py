@@ -1,6 +1,8 @@
 """Synthetic drives: profiles, error-free sensors by inverse mechanization, sensor grades."""
 
 from navlearn.logs.synthetic.degrade import degrade_gyro
+from navlearn.logs.synthetic.fault_options import Biases, FaultOptions, Freezes, Ramps, Spikes
+from navlearn.logs.synthetic.faults import with_faults
 from navlearn.logs.synthetic.figures import SensorGrade
 from navlearn.logs.synthetic.grades import GRADES
 from navlearn.logs.synthetic.jaradat2017 import jaradat2017_scenario
@@ -15,14 +17,20 @@ from navlearn.logs.synthetic.sky_noise import noise_of_sky
 __all__ = [
     "GRADES",
     "PRESETS",
+    "Biases",
+    "FaultOptions",
+    "Freezes",
+    "Ramps",
     "SatelliteOptions",
     "SensorGrade",
     "SimulatedDrive",
+    "Spikes",
     "degrade_gyro",
     "jaradat2017_scenario",
     "motion_from_trajectory",
     "noise_of_sky",
     "simulate_drive",
     "with_aiding_from_reference",
+    "with_faults",
     "with_simulated_ranges",
 ]
