@@ -1,0 +1,144 @@
+"""A filter tuned from drives with a reference, by what dead reckoning and filter do wrong there.
+
+[Ghouneem2024] (12), (13). The rule ``increments`` is the sane reading: Q from mean squares of
+increments of dead reckoning's error, P₀ from mean squares of the filter's own, R from the errors of
+fixes. ``ghouneem2024`` is what is printed. What is tuned on a drive is to be judged on others.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final, Literal
+
+from navlearn.errors import ConfigError, FitError
+from navlearn.fusion.options import EkfOptions
+from navlearn.learning.ghouneem2024 import PrintedDiagonals, printed_diagonals, printed_options
+from navlearn.learning.increment_noise import FoundNoise, increment_noise
+from navlearn.learning.integrated_errors import integrated_errors, mean_squares
+from navlearn.learning.receiver_noise import receiver_noise
+from navlearn.learning.reference_increments import pooled, reference_increments
+from navlearn.learning.referenced_drive import ReferencedDrive
+
+Rule = Literal["increments", "ghouneem2024", "ghouneem2024_absolute"]
+
+RULES: Final[tuple[Rule, ...]] = ("increments", "ghouneem2024", "ghouneem2024_absolute")
+"""The rules by name."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TunedValues:
+    """Options of a filter that a rule found.
+
+    Attributes:
+        filter: Overrides of :class:`navlearn.fusion.options.EkfOptions` by name.
+        figures: Numbers worth knowing, by name.
+        notes: What a reader should know.
+    """
+
+    filter: dict[str, Any]
+    figures: dict[str, int | float | dict[str, int | float]]
+    notes: tuple[str, ...] = ()
+
+
+def tuned_by_differences(
+    drives: Sequence[ReferencedDrive],
+    options: EkfOptions,
+    rule: Rule = "increments",
+    *,
+    span: float = 1.0,
+) -> TunedValues:
+    """Return the options of a filter as differences from a reference tell them.
+
+    Args:
+        drives: Drives with a reference, at least one; ``ghouneem2024`` averages over them.
+        options: The filter as it is now. What is not found stays.
+        rule: ``increments``; ``ghouneem2024`` as printed, which is refused where an average is
+            negative; ``ghouneem2024_absolute``, the same with the signs dropped.
+        span: Length of the increments, s.
+
+    Raises:
+        ConfigError: The rule is unknown.
+        FitError: The reference tells too little, or the printed rule gives negative variances.
+        LogError: The car never drove fast enough to align.
+    """
+    if rule not in RULES:
+        raise ConfigError(f"rule: found {rule!r}; choose among {', '.join(RULES)}")
+    if not drives:
+        raise FitError("tuning: no drive was given; give one or more with a reference")
+    if rule == "increments":
+        return _by_increments(drives, options, span)
+    return _as_printed(drives, options, absolute=rule == "ghouneem2024_absolute")
+
+
+def _by_increments(
+    drives: Sequence[ReferencedDrive], options: EkfOptions, span: float
+) -> TunedValues:
+    increments = pooled([reference_increments(drive, options, span) for drive in drives])
+    found = increment_noise(increments, options)
+    squares = mean_squares([integrated_errors(drive, options) for drive in drives])
+    noise = {**found.noise, **receiver_noise(list(drives))}
+    initial = _initial(squares, found, options)
+    return TunedValues(
+        filter={"noise": noise, "initial": initial},
+        figures={
+            "stretches": len(increments.way),
+            "stretch_s": increments.span,
+            "integrated_rms": {name: value**0.5 for name, value in squares.items()},
+        },
+        notes=(
+            "Q: mean squares of increments of dead reckoning minus reference; P0: mean squares of "
+            "filter minus reference; R: errors of fixes. Where alignment tells position, azimuth "
+            "and gyro bias with deviations of its own, those count at the start.",
+        ),
+    )
+
+
+def _initial(squares: dict[str, float], found: FoundNoise, options: EkfOptions) -> dict[str, Any]:
+    """Return standard deviations at the start."""
+
+    def root(*names: str) -> float | None:
+        known = [squares[name] for name in names if name in squares]
+        return (sum(known) / len(known)) ** 0.5 if known else None
+
+    told: dict[str, Any] = {
+        "position": root("east", "north"),
+        "height": root("up"),
+        "azimuth": root("azimuth"),
+        "pitch_bias": found.parameters.get("pitch_bias"),
+    }
+    if options.has_velocity_states:
+        told["velocity"] = root("v_e", "v_n", "v_u")
+    for group in ("gyro", "speed"):
+        prefix = f"{group}_"
+        terms = {
+            name.removeprefix(prefix): value
+            for name, value in found.parameters.items()
+            if name.startswith(prefix) and value > 0.0
+        }
+        told[group] = terms or None
+    return {name: value for name, value in told.items() if value is not None}
+
+
+def _as_printed(
+    drives: Sequence[ReferencedDrive], options: EkfOptions, *, absolute: bool
+) -> TunedValues:
+    each = [printed_diagonals(drive, options) for drive in drives]
+    both = PrintedDiagonals(
+        _mean([one.process for one in each]), _mean([one.initial for one in each])
+    )
+    chosen: dict[str, Any] = printed_options(both, options, absolute=absolute)
+    # the receiver's deviations are taken as told
+    chosen["noise"] |= {"position_inflation": 1.0, "velocity_inflation": 1.0}
+    chosen["noise"] |= {"position_floor": 0.0, "height_floor": 0.0, "velocity_floor": 0.0}
+    notes = ["Q and P0: averages of signed differences from the reference, once per second"]
+    if both.negative:
+        notes.append(f"negative, and so no variances: {', '.join(both.negative)}; signs dropped")
+    return TunedValues(
+        filter=chosen,
+        figures={"process": dict(both.process), "initial": dict(both.initial)},
+        notes=tuple(notes),
+    )
+
+
+def _mean(entries: list[dict[str, float]]) -> dict[str, float]:
+    names = [name for name in entries[0] if all(name in one for one in entries)]
+    return {name: sum(one[name] for one in entries) / len(entries) for name in names}
