@@ -10,7 +10,7 @@ from navlearn import wgs84
 from navlearn.filters.belief import Belief
 from navlearn.filters.consistency import chi_square_quantile
 from navlearn.frames import shift_geodetic
-from navlearn.fusion.block_motion import move_block
+from navlearn.fusion.block_motion import BlockMotion, move_block
 from navlearn.fusion.error_state import (
     ErrorLayout,
     error_layout,
@@ -131,22 +131,60 @@ def predict_blocks(
     Returns:
         Prediction, batch shape (...).
     """
+    errors, ahead = model.errors, carried_blocks(model, start, samples, acceleration)
+    moved = ahead.motion
+    if model.layout.has_velocity:
+        linear = shen_transition(errors, moved, samples, acceleration, noise, model.full)
+    else:
+        linear = bias_scale_transition(errors, moved, samples, acceleration, start.sensor, noise)
+    return Prediction(ahead.state, ahead.sensor, ahead.velocity_offset, linear)
+
+
+class CarriedBlocks(NamedTuple):
+    """Blocks as mechanized from a state.
+
+    Attributes:
+        motion: How the blocks move the car by odometer and gyro.
+        way: How far they move it in all, east, north, up, m, shape (..., 3).
+        state: State at the end, shape (...) each.
+        sensor: Sensor parameters at the end, shape (..., m).
+        velocity_offset: Velocity offset at the end, m/s, shape (..., 3).
+    """
+
+    motion: BlockMotion
+    way: Tensor
+    state: NavState
+    sensor: Tensor
+    velocity_offset: Tensor
+
+
+def carried_blocks(
+    model: FilterModel, start: Belief, samples: RissSample, acceleration: Tensor
+) -> CarriedBlocks:
+    """Return beliefs moved through blocks, all samples of all blocks at once.
+
+    Args:
+        model: The filter.
+        start: Belief at the start of each block, batch shape (...); its covariance is not used.
+        samples: Samples, shape (..., n) each.
+        acceleration: Forward acceleration by the odometer, m/s², shape (..., n).
+
+    Returns:
+        What comes of them, batch shape (...).
+    """
     errors = model.errors
     moved = move_block(
         errors, start.state, start.sensor, start.anchor, samples, acceleration, model.earth_rate
     )
     sensor = advanced(errors, start.sensor, start.anchor, samples.dt.sum(-1))
+    way = torch.stack((moved.east.sum(-1), moved.north.sum(-1), moved.up.sum(-1)), -1)
     if not model.layout.has_velocity:
-        linear = bias_scale_transition(errors, moved, samples, acceleration, start.sensor, noise)
-        return Prediction(moved.end, sensor, start.velocity_offset, linear)
-    linear = shen_transition(errors, moved, samples, acceleration, noise, model.full)
+        return CarriedBlocks(moved, way, moved.end, sensor, start.velocity_offset)
     offset = move_offset(errors, moved, samples, start.sensor, start.velocity_offset)
-    end = moved.end
-    lat, lon, height = shift_geodetic(
-        end.lat, end.lon, end.height, *offset.way[..., -1, :].unbind(-1)
-    )
+    end, more = moved.end, offset.way[..., -1, :]
+    lat, lon, height = shift_geodetic(end.lat, end.lon, end.height, *more.unbind(-1))
     state = NavState(lat, lon, height, end.azimuth)
-    return Prediction(state, sensor, offset.offset, linear)
+    return CarriedBlocks(moved, way + more, state, sensor, offset.offset)
 
 
 def fed_back(model: FilterModel, belief: Belief, correction: Tensor, end: BlockEnd) -> Belief:
@@ -166,7 +204,7 @@ def fed_back(model: FilterModel, belief: Belief, correction: Tensor, end: BlockE
     sensor = belief.sensor + correction[..., layout.first_sensor :]
     offset = belief.velocity_offset
     if layout.has_velocity:
-        turned = _across(model, belief, end) * correction[..., 6:7]
+        turned = velocity_by_turn(model, belief, end) * correction[..., 6:7]
         offset = offset + correction[..., 3:6] - turned
     return belief._replace(state=state, sensor=sensor, velocity_offset=offset)
 
@@ -188,11 +226,21 @@ def difference(model: FilterModel, belief: Belief, other: Belief, end: BlockEnd)
     parts = [position, turn, belief.sensor - other.sensor]
     if model.layout.has_velocity:
         velocity = belief.velocity_offset - other.velocity_offset
-        parts.insert(1, velocity + _across(model, belief, end) * turn)
+        parts.insert(1, velocity + velocity_by_turn(model, belief, end) * turn)
     return torch.cat(parts, -1)
 
 
-def _across(model: FilterModel, belief: Belief, end: BlockEnd) -> Tensor:
+def velocity_by_turn(model: FilterModel, belief: Belief, end: BlockEnd) -> Tensor:
+    """Return how the velocity by odometer and azimuth changes with the azimuth.
+
+    Args:
+        model: The filter.
+        belief: Belief at the end of a block, batch shape (...).
+        end: Last sample of the block, shape (...) each.
+
+    Returns:
+        East, north, up, m/s per rad, shape (..., 3).
+    """
     told = odometry(model.errors, end, belief.sensor)
     sine, cosine = torch.sin(belief.state.azimuth), torch.cos(belief.state.azimuth)
     return torch.stack((told.v_h * cosine, -told.v_h * sine, torch.zeros_like(sine)), -1)

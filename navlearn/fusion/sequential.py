@@ -43,26 +43,50 @@ def predict_sample(
         Belief after the interval, its transition Φ, and the mechanized move.
     """
     errors = model.errors
-    undecayed = torch.ones_like(sample.dt)
-    motion = corrected_motion(errors, sample, acceleration, belief.sensor, belief.anchor, undecayed)
-    moved = move(belief.state, motion, model.earth_rate)
-    azimuth = 0.5 * (belief.state.azimuth + moved.state.azimuth)
-    state, offset = moved.state, belief.velocity_offset
+    after, motion, moved = carried_sample(model, belief, sample, acceleration)
+    azimuth = 0.5 * (belief.state.azimuth + after.state.azimuth)
     if model.layout.has_velocity:
         sine, cosine = torch.sin(azimuth), torch.cos(azimuth)
         terms = shen_terms(errors, sample, acceleration, motion, sine, cosine, model.full)
         F = shen_dynamics(terms) + returning(errors, torch.zeros_like(azimuth), 7)
-        state, offset = _with_offset(moved, motion, belief, (terms.east, terms.north, terms.up))
     else:
         F = bias_scale_dynamics(errors, sample, acceleration, motion, azimuth, belief.sensor)
     transition, q = van_loan(F, diffusion(errors, sample, motion, noise), sample.dt)
+    covariance = propagated(belief.covariance, transition, q)
+    return after._replace(covariance=covariance), transition, moved
+
+
+def carried_sample(
+    model: FilterModel, belief: Belief, sample: RissSample, acceleration: Tensor
+) -> tuple[Belief, RissMotion, MovedState]:
+    """Move a belief through one sample.
+
+    Args:
+        model: The filter.
+        belief: Belief before the interval, batch shape (...).
+        sample: The sample, shape (...) each.
+        acceleration: Forward acceleration by the odometer, m/s², shape (...).
+
+    Returns:
+        Belief after the interval, its covariance as it was, the motion that moved it, and the
+        mechanized move.
+    """
+    errors = model.errors
+    undecayed = torch.ones_like(sample.dt)
+    motion = corrected_motion(errors, sample, acceleration, belief.sensor, belief.anchor, undecayed)
+    moved = move(belief.state, motion, model.earth_rate)
+    state, offset = moved.state, belief.velocity_offset
+    if model.layout.has_velocity:
+        azimuth = 0.5 * (belief.state.azimuth + moved.state.azimuth)
+        sine, cosine = torch.sin(azimuth), torch.cos(azimuth)
+        terms = shen_terms(errors, sample, acceleration, motion, sine, cosine, model.full)
+        state, offset = _with_offset(moved, motion, belief, (terms.east, terms.north, terms.up))
     after = belief._replace(
         state=state,
         sensor=advanced(errors, belief.sensor, belief.anchor, sample.dt),
         velocity_offset=offset,
-        covariance=propagated(belief.covariance, transition, q),
     )
-    return after, transition, moved
+    return after, motion, moved
 
 
 def _with_offset(

@@ -46,3 +46,8 @@ class GatedVehicle(nn.Module):
     def company(self) -> tuple[int, ...]:
         """Kinds that are believed together with the anchor."""
         return self.model.company
+
+    @property
+    def angle_rows(self) -> tuple[int, ...]:
+        """Rows that are angles: none."""
+        return ()

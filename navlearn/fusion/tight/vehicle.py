@@ -123,6 +123,46 @@ class Vehicle(Protocol[AnyBelief]):
         """Return the same prediction sample by sample: the oracle of :meth:`predicted`."""
         ...
 
+    def carried(self, belief: AnyBelief, block: Any) -> AnyBelief:
+        """Return beliefs moved over blocks, their covariance as it was.
+
+        Args:
+            belief: Beliefs at the starts of blocks, batch shape (..., P).
+            block: The blocks, batch shape (..., P), see :func:`for_points`.
+        """
+        ...
+
+    def carried_in_turn(self, belief: AnyBelief, block: Any) -> AnyBelief:
+        """Return the same sample by sample: the oracle of :meth:`carried`."""
+        ...
+
+    def carried_apart(self, belief: AnyBelief, deviation: Tensor, block: Any) -> Tensor:
+        """Return how far from the first point others are at the ends of blocks.
+
+        Args:
+            belief: Belief at the starts of blocks, batch shape (...).
+            deviation: Points about it in the order of the error state, shape (..., P, n); the
+                first is zero.
+            block: The blocks, batch shape (...).
+
+        Returns:
+            Shape (..., P, n).
+        """
+        ...
+
+    def moved_at_start(self, belief: AnyBelief, correction: Tensor, block: Any) -> AnyBelief:
+        """Return beliefs at the starts of blocks moved by a correction, as by :meth:`moved`."""
+        ...
+
+    def in_samples(self, block: Any) -> list[Any]:
+        """Return the samples of blocks as blocks of one sample each."""
+        ...
+
+    @property
+    def angle_rows(self) -> tuple[int, ...]:
+        """Rows of what it measures of itself that are angles, the same after a turn."""
+        ...
+
     def measured(self, belief: AnyBelief, block: Any) -> Measured:
         """Return what the vehicle measures of itself at the ends of blocks."""
         ...
@@ -185,6 +225,46 @@ def blocks_in_turn(vehicle: Vehicle[Any], line: VehicleLine) -> list[Any]:
     """
     # unbound at once: picking blocks one by one would make the backward pass quadratic
     return unstacked(vehicle.all_blocks(line))
+
+
+def for_points(tree: T, batch: int, points: int) -> T:
+    """Return beliefs or blocks once for each of several points, as views.
+
+    Args:
+        tree: Tree of named tuples of tensors, batch shape (...).
+        batch: Number of batch axes.
+        points: Number of points P.
+
+    Returns:
+        The same of batch shape (..., P).
+    """
+    if isinstance(tree, Tensor):
+        shape = tree.shape
+        wide = tree.unsqueeze(batch).expand(*shape[:batch], points, *shape[batch:])
+        return wide  # type: ignore[return-value]
+    parts: Any = tree
+    return type(tree)(*(for_points(part, batch, points) for part in parts))
+
+
+def apart_by_difference(
+    vehicle: Vehicle[Any], belief: Any, deviation: Tensor, block: Any
+) -> Tensor:
+    """Answer ``Vehicle.carried_apart`` by moving, carrying and comparing whole beliefs.
+
+    Latitudes keep about a nanometre, of which points as narrow as α = 1e-4 make centimetres.
+
+    Args:
+        vehicle: The vehicle.
+        belief: Belief at the starts of blocks, batch shape (...).
+        deviation: Points about it, the first zero, shape (..., P, n).
+        block: The blocks, batch shape (...).
+    """
+    batch, points = deviation.dim() - 2, deviation.shape[-2]
+    wide = for_points(block, batch, points)
+    start = vehicle.moved_at_start(for_points(belief, batch, points), deviation, wide)
+    ends = vehicle.carried(start, wide)
+    centre = for_points(vehicle.carried(belief, block), batch, points)
+    return -vehicle.difference(centre, ends, wide)
 
 
 def no_fixes(timing: FixTiming) -> GnssFix:

@@ -1,0 +1,169 @@
+"""The loosely coupled unscented filter: RISS corrected by GNSS, carried by sigma points.
+
+[Ghouneem2024] on the states of [Noureldin2013] ch. 8. ``exact`` draws points at every block's start
+and carries them through all its samples at once; ``sequential`` draws them anew at every sample
+and is the oracle.
+"""
+
+from typing import Literal
+
+import torch
+from torch import Tensor
+
+from navlearn.errors import ConfigError, ShapeError
+from navlearn.filters.belief import Belief, map_belief
+from navlearn.filters.unscented import UnscentedOptions, sigma_weights
+from navlearn.fusion.batch_axis import unsqueezed
+from navlearn.fusion.checks import check_history, check_inputs
+from navlearn.fusion.ground_velocity import BlockEnd
+from navlearn.fusion.history import FilterHistory, history_without_batch
+from navlearn.fusion.options import EkfOptions
+from navlearn.fusion.record import history
+from navlearn.fusion.standstill import Rest
+from navlearn.fusion.tight.riss_vehicle import RissBlock, RissVehicle
+from navlearn.fusion.timeline import known_acceleration, occasion_after
+from navlearn.fusion.unscented.prediction import predicted_in_turn, rooted
+from navlearn.fusion.unscented.recursion import end_block, run_unscented_loop
+from navlearn.fusion.updates import Occasion
+from navlearn.states import FixTiming, GnssFix, RissSample
+
+Method = Literal["exact", "fast", "sequential"]
+
+
+class LooselyCoupledUkf(RissVehicle):
+    """Loosely coupled unscented filter over drives, differentiable end to end.
+
+    Takes and gives what :class:`navlearn.fusion.loosely_coupled.LooselyCoupledEkf` does;
+    ``log_noise`` is the same. The points know no F, so ``shen2010`` as printed and repaired are
+    one filter here.
+    """
+
+    def __init__(self, options: EkfOptions | None = None) -> None:
+        """Make the options ready.
+
+        Args:
+            options: Choices; None means the defaults. ``unscented`` None means its defaults, too.
+
+        Raises:
+            ConfigError: If feedback is open.
+        """
+        options = options or EkfOptions()
+        if options.feedback != "closed":
+            raise ConfigError(
+                "unscented filter: found feedback 'open'; sigma points are drawn about the "
+                "estimate, not about a mechanization that runs free: choose feedback closed"
+            )
+        super().__init__(options)
+        self.weights = sigma_weights(
+            options.unscented or UnscentedOptions(), self.model.layout.size
+        )
+
+    def forward(
+        self,
+        start: Belief,
+        samples: RissSample,
+        fixes: GnssFix,
+        timing: FixTiming,
+        *,
+        method: Method = "exact",
+    ) -> FilterHistory:
+        """Run the filter over drives.
+
+        Args:
+            start: Belief before the first sample, batch shape (B,) or ().
+            samples: Samples, shape (B, T) or (T,) each.
+            fixes: GNSS solutions, shape (B, M) or (M,) each; M may be 0.
+            timing: Where they fall among the samples.
+            method: Form of the filter; ``fast`` answers with ``exact``, as ``history.method`` says.
+
+        Returns:
+            History; without batch axis where the input had none.
+
+        Raises:
+            ConfigError: If the method is unknown.
+            ShapeError: If a tensor has the wrong shape or type.
+            LogError: If samples or fixes are not finite or hold what no drive can (see
+                :mod:`navlearn.fusion.bounds`), or fixes are out of order or range.
+            FilterDivergedError: If a state or variance is lost on the way.
+        """
+        if method not in ("exact", "fast", "sequential"):
+            raise ConfigError(f"filter: found method {method!r}; choose exact, fast or sequential")
+        if samples.dt.dim() == 1:
+            batched = self.forward(
+                map_belief(start, unsqueezed),
+                RissSample(*map(unsqueezed, samples)),
+                GnssFix(*map(unsqueezed, fixes)),
+                FixTiming(*map(unsqueezed, timing)),
+                method=method,
+            )
+            return history_without_batch(batched)
+        if samples.dt.dim() != 2 or samples.dt.shape[-1] == 0:
+            raise ShapeError(
+                f"filter: samples have shape {tuple(samples.dt.shape)}; expected (B, T) or (T,) "
+                "with at least one sample"
+            )
+        check_inputs(self.model, start, samples, fixes, timing)
+        line = self.laid_out(samples, fixes, timing)
+        in_turn = method == "sequential"
+        record = run_unscented_loop(self, self.weights, start, line, in_turn=in_turn)
+        path = self.path(start, record.belief, line)
+        found = history(line.line, record, path, "sequential" if in_turn else "exact", 1)
+        check_history(self.model, found, samples)
+        return found
+
+    def step(
+        self, belief: Belief, sample: RissSample, acceleration: Tensor | None = None
+    ) -> Belief:
+        """Predict one sample, as a car does while driving.
+
+        Args:
+            belief: Belief before the interval, batch shape (...).
+            sample: The sample, shape (...) each.
+            acceleration: Forward acceleration by the odometer, m/s², shape (...); needed by the
+                Shen models and by the odometer delay, else None.
+
+        Returns:
+            Belief after the interval.
+        """
+        push = known_acceleration(self.model, sample, acceleration)
+        none = GnssFix(*(torch.zeros_like(sample.dt) for _ in GnssFix._fields))
+        occasion = occasion_after(self.model, sample, fix=none, acceleration=push)
+        block = _one_sample(sample, push, occasion)
+        after: Belief = predicted_in_turn(self, self.weights, rooted(belief), block).belief
+        return after
+
+    def update(
+        self,
+        belief: Belief,
+        fix: GnssFix,
+        sample: RissSample,
+        *,
+        delay: Tensor | None = None,
+        rest: Rest | None = None,
+        acceleration: Tensor | None = None,
+    ) -> Belief:
+        """Update with a fix, standstill, or both at the end of an interval.
+
+        Args:
+            belief: Belief after the interval, batch shape (...).
+            fix: The fix, shape (...) each; ``has_position`` and ``has_velocity`` 0 for none.
+            sample: The interval's sample, shape (...) each.
+            delay: End of the interval minus the fix's time, s, shape (...); None means zero.
+            rest: Standstill up to now that has not been used yet; None means none.
+            acceleration: As in :meth:`step`; None means a steady speed.
+
+        Returns:
+            Belief after the update, errors fed back.
+        """
+        occasion = occasion_after(
+            self.model, sample, fix=fix, delay=delay, rest=rest, acceleration=acceleration
+        )
+        block = _one_sample(sample, occasion.end.acceleration, occasion)
+        return end_block(self, self.weights, rooted(belief), block)[1].belief
+
+
+def _one_sample(sample: RissSample, push: Tensor, occasion: Occasion) -> RissBlock:
+    # what the odometer said a sample ago, by its acceleration
+    before = sample._replace(speed=sample.speed - push * sample.dt)
+    samples = RissSample(*(channel.unsqueeze(-1) for channel in sample))
+    return RissBlock(samples, push.unsqueeze(-1), occasion, BlockEnd(before, push))
