@@ -64,7 +64,7 @@ def cut_to_one_drive(sweep: SweepRecipe) -> SweepRecipe:
         drives |= {"duration_s": 1000.0}
     if "satellites" in drives:
         drives["satellites"] = drives["satellites"][:1]
-    for name in ("filter_by_grade", "ins_filter_by_grade"):
+    for name in ("filter_by_grade", "ins_filter_by_grade", "tuned_by_grade"):
         content[name] = {key: one for key, one in content[name].items() if key == "mems_l"}
     content["outages"]["count"] = 1
     _hardly_training(content["models"])

@@ -11,6 +11,7 @@ from navlearn.experiment.drive import timeline_of
 from navlearn.experiment.filter_runs import MadeRun, made_run
 from navlearn.experiment.solution_tables import solution_table, with_deviations
 from navlearn.fusion.dead_reckoning import DeadReckoningOptions, dead_reckoning_start
+from navlearn.fusion.gate_options import GateOptions
 from navlearn.fusion.history import FilterHistory
 from navlearn.fusion.options import EkfOptions
 from navlearn.logs.drive_log import DriveLog
@@ -21,14 +22,17 @@ from navlearn.outages.replay import Solution
 from navlearn.outages.schedule import Outage
 from navlearn.outages.store import log_fingerprint
 from navlearn.recipe import Recipe
-from navlearn.recipe.filter_options import ekf_options
 from navlearn.states import RissSample, Trajectory
 
 PLAIN: dict[str, Literal["bias_free", "shen2010"]] = {
     "ekf_plain": "bias_free",
     "ekf_shen2010": "shen2010",
+    "ekf_ghouneem2024": "shen2010",
 }
 """Methods that are the filter with another error model."""
+
+UNGATED = ("ekf_ghouneem2024",)
+"""Methods that believe every measurement."""
 
 
 def filter_options(recipe: Recipe, method: str = "ekf", log: DriveLog | None = None) -> EkfOptions:
@@ -36,11 +40,12 @@ def filter_options(recipe: Recipe, method: str = "ekf", log: DriveLog | None = N
 
     Args:
         recipe: The recipe.
-        method: ``ekf_plain`` takes the gyro bias away; every other name is the honest filter.
+        method: ``ekf_plain`` takes the gyro bias away, other names add their ingredients; every
+            name without any is the honest filter.
         log: Tells the lever arm of the antenna, and whether fixes have a vertical velocity, where
             the recipe does not.
     """
-    options = ekf_options(recipe.filter)
+    options = recipe.ekf_options(method)
     if log is not None and "lever_arm" not in recipe.filter:
         options = replace(options, lever_arm=log.metadata.lever_arm)
     if log is not None and "vertical_velocity" not in recipe.filter:
@@ -48,6 +53,8 @@ def filter_options(recipe: Recipe, method: str = "ekf", log: DriveLog | None = N
         options = replace(options, vertical_velocity=told)
     mechanization = replace(options.mechanization, dimensions=recipe.mechanization.dims)
     options = replace(options, mechanization=mechanization)
+    if method in UNGATED:
+        options = replace(options, gate=GateOptions(probability=1.0))
     return replace(options, model=PLAIN[method]) if method in PLAIN else options
 
 

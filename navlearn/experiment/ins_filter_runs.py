@@ -28,12 +28,15 @@ _DAHMANE2022: dict[str, Any] = {**UNAIDED, "model": "dahmane2022", "states": 9}
 
 VARIANTS: dict[str, dict[str, Any]] = {
     "ins_ekf": {},
+    "ins_ukf": {},
+    "ins_ekf+tuned": {},
+    "ins_ukf+tuned": {},
     "ins_ekf_open_loop": {"feedback": "open"},
     "ins_ekf_plain": UNAIDED,
     "ins_ekf_dahmane2022": _DAHMANE2022,
     "ins_ekf_dahmane2022_open": {**_DAHMANE2022, "feedback": "open"},
 }
-"""What each method changes of the recipe's filter."""
+"""What each method changes of the recipe's filter, beside its ingredients."""
 
 
 KNOWN_TO: dict[str, float] = {
@@ -56,7 +59,7 @@ def ins_filter_options(
         log: Tells the lever arm of the antenna, and whether fixes have a vertical velocity, where
             the recipe does not.
     """
-    options = recipe.ins_ekf_options()
+    options = recipe.ins_ekf_options(method)
     if log is not None and "lever_arm" not in recipe.ins_filter:
         options = replace(options, lever_arm=log.metadata.lever_arm)
     if log is not None and "vertical_velocity" not in recipe.ins_filter:

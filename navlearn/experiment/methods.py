@@ -12,7 +12,7 @@ from typing import Any, Final
 from navlearn.experiment.anarx_method import AnarxMethod
 from navlearn.experiment.augmented_method import AugmentedMethod
 from navlearn.experiment.azimuth_method import AzimuthMethod
-from navlearn.experiment.baselines import DeadReckoning, FilterMethod, FilterRuns
+from navlearn.experiment.baselines import PLAIN, DeadReckoning, FilterMethod, FilterRuns
 from navlearn.experiment.ins_anarx_diagnostics import Diagnose
 from navlearn.experiment.ins_anarx_method import InsAnarxMethod
 from navlearn.experiment.ins_anarx_paper import PaperAnarxMethod
@@ -23,13 +23,14 @@ from navlearn.experiment.oracles import GyroOracle, PerfectAzimuth, Truth
 from navlearn.experiment.pseudo_outage_method import PseudoOutageMethod
 from navlearn.experiment.range_error_method import RangeErrorMethod
 from navlearn.experiment.rts_method import SmoothedFilter
-from navlearn.experiment.tight_filter_runs import TightFilterRuns
+from navlearn.experiment.tight_filter_runs import TIGHT, TightFilterRuns
 from navlearn.experiment.tight_method import TightMethod
 from navlearn.outages.replay import Method
 from navlearn.recipe import Recipe
 from navlearn.recipe.anarx_spec import AnarxSpec
 from navlearn.recipe.augmented_spec import AugmentedSpec
 from navlearn.recipe.azimuth_spec import AzimuthSpec
+from navlearn.recipe.ingredients import INGREDIENTS
 from navlearn.recipe.ins_anarx_spec import InsAnarxSpec
 from navlearn.recipe.pseudo_outage_spec import PseudoOutageSpec
 from navlearn.recipe.range_error_spec import RangeErrorSpec
@@ -79,13 +80,22 @@ def _ins_filter(name: str) -> Callable[[MethodContext], Method]:
     return lambda context: InsFilterMethod(context.ins_runs, name)
 
 
+def _riss_filter(name: str) -> Callable[[MethodContext], Method]:
+    return lambda context: FilterMethod(context.runs, name)
+
+
+def _tight_filter(name: str) -> Callable[[MethodContext], Method]:
+    return lambda context: TightMethod(context.tight_runs, name)
+
+
+RISS: Final = ("ekf", *PLAIN, *(name for name in INGREDIENTS if name.startswith(("ekf", "ukf"))))
+"""Loosely coupled filters of one gyro, by name."""
+
 FIXED: Final[dict[str, Callable[[MethodContext], Method]]] = {
     "dead_reckoning": _dead_reckoning,
-    "ekf_plain": lambda context: FilterMethod(context.runs, "ekf_plain"),
-    "ekf_shen2010": lambda context: FilterMethod(context.runs, "ekf_shen2010"),
-    "ekf": lambda context: FilterMethod(context.runs, "ekf"),
+    **{name: _riss_filter(name) for name in RISS},
     **{name: _ins_filter(name) for name in VARIANTS},
-    "tc_ekf": lambda context: TightMethod(context.tight_runs),
+    **{name: _tight_filter(name) for name in TIGHT},
     "rts": _smoothed,
     "oracle": lambda context: GyroOracle(context.runs, context.truth, noise_free=False),
     "noise_free_gyro": lambda context: GyroOracle(context.runs, context.truth, noise_free=True),

@@ -31,6 +31,7 @@ from navlearn.outages.results import write_results
 from navlearn.outages.tables import summary_content
 from navlearn.recipe import Recipe
 from navlearn.recipe.fixed_methods import FIXED_METHODS
+from navlearn.recipe.ingredients import ingredients_of
 from navlearn.recipe.ins_anarx_spec import InsAnarxSpec
 from navlearn.recipe.range_error_spec import RangeErrorSpec
 
@@ -148,7 +149,7 @@ def method_settings(
     settings: dict[str, object] = {}
     for name in recipe.methods:
         if name in FIXED_METHODS:
-            settings[name] = {**shared, "model": PLAIN.get(name, name)}
+            settings[name] = {**shared, "model": PLAIN.get(name, name), **_stated(recipe, name)}
             if name in GYRO_ORACLES and truth is not None and truth.gyro is not None:
                 settings[name] = {**shared, "model": name, "gyro": truth.gyro.fingerprint()}
         else:
@@ -160,6 +161,15 @@ def method_settings(
                 "training": recipe.training.model_dump(mode="json"),
             }
     return settings
+
+
+def _stated(recipe: Recipe, method: str) -> dict[str, object]:
+    """Return the sections of a recipe that a method's ingredients are stated in."""
+    return {
+        section: recipe.model_dump(mode="json")[section]
+        for section, taken in ingredients_of(method)._asdict().items()
+        if taken
+    }
 
 
 def digest_of(path: Path) -> str:

@@ -6,6 +6,7 @@ import numpy as np
 
 from navlearn.errors import ConfigError, LogError
 from navlearn.experiment.ins_filter_runs import VARIANTS, imu_timeline_of
+from navlearn.experiment.tight_filter_runs import TIGHT
 from navlearn.logs.drive_log import DriveLog
 from navlearn.logs.interval_means import typical_period
 from navlearn.logs.six_axes import check_six_axes
@@ -68,7 +69,7 @@ def tightly_coupled(recipe: Recipe) -> tuple[str, ...]:
         recipe: The recipe.
     """
     learned = {spec.name for spec in recipe.models if isinstance(spec, RangeErrorSpec)}
-    return tuple(name for name in recipe.methods if name == "tc_ekf" or name in learned)
+    return tuple(name for name in recipe.methods if name in TIGHT or name in learned)
 
 
 def _check_ranges(recipe: Recipe, log: DriveLog) -> None:

@@ -1,5 +1,6 @@
 """What a run tells its report: the drive, the methods, and what was estimated from what."""
 
+import json
 import math
 import shlex
 from collections.abc import Mapping
@@ -16,6 +17,7 @@ from navlearn.recipe import Recipe
 from navlearn.recipe.anarx_spec import AnarxSpec
 from navlearn.recipe.fixed_methods import FIXED_METHODS
 from navlearn.recipe.spec_base import SpecBase
+from navlearn.recipe.tuned_spec import TunedSpec
 
 
 def run_summary(
@@ -114,6 +116,30 @@ def filter_and_training(recipe: Recipe) -> tuple[str, ...]:
             "on all of it"
         )
     return tuple(lines)
+
+
+def _ingredients(recipe: Recipe) -> tuple[str, ...]:
+    """Return what the sections of ingredients say, a sentence each."""
+    lines = [
+        f"{section}: {json.dumps(options)} in place of the defaults, for the methods that take it"
+        for section, options in (
+            ("sigma points", recipe.unscented),
+            ("integrity", recipe.integrity),
+        )
+        if options
+    ]
+    lines += [tuned_with(spec) for spec in recipe.tunings if spec is not None]
+    return tuple(lines)
+
+
+def tuned_with(spec: TunedSpec) -> str:
+    """Return what was tuned, how and on what, as a sentence.
+
+    Args:
+        spec: The tuned spec.
+    """
+    where = ", ".join(one.log for one in spec.made_from) or "what its maker does not tell"
+    return f"tuned: `{spec.name}` by {spec.method} on {where}: {json.dumps(spec.filter)}"
 
 
 def _learned_summary(spec: SpecBase, found: Replay) -> MethodSummary:

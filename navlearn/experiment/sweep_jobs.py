@@ -89,7 +89,7 @@ def rows_file(recipe: SweepRecipe, grade: str, seed: int, kind: Conditions, sour
         source: What the drives are made of: a hash of the real log, or nothing.
     """
     content = recipe.model_dump(mode="json", exclude={"name", "question"})
-    for key in ("filter_by_grade", "ins_filter_by_grade"):
+    for key in ("filter_by_grade", "ins_filter_by_grade", "tuned_by_grade"):
         content[key] = content[key].get(grade, {})
     # How many drives there are does not change any of them.
     shared = ("grades", "drives", "first_seed", "durations_s", "satellites")

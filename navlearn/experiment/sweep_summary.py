@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import pandas as pd
 
-from navlearn.experiment.summary import filter_and_training
+from navlearn.experiment.summary import filter_and_training, tuned_with
 from navlearn.experiment.sweep_drives import gyro_class
 from navlearn.experiment.sweep_jobs import CPU, Failure
 from navlearn.logs.synthetic.grades import find_grade
@@ -88,12 +88,16 @@ def _scored(rows: pd.DataFrame) -> str:
 def _filters_of_grades(recipe: SweepRecipe) -> tuple[str, ...]:
     """Return what the filter is told of each grade beyond what all have in common."""
     both = (("filter", recipe.filter_by_grade), ("full-IMU filter", recipe.ins_filter_by_grade))
-    return tuple(
+    told = [
         f"{which}, {gyro_class(grade)}: {json.dumps(options)} as well, for every filter but "
         "those of gyro oracles"
         for which, by_grade in both
         for grade, options in by_grade.items()
-    )
+    ]
+    tuned = [
+        f"{gyro_class(grade)}, {tuned_with(spec)}" for grade, spec in recipe.tuned_by_grade.items()
+    ]
+    return (*told, *tuned)
 
 
 def _clocks(recipe: SweepRecipe) -> tuple[str, ...]:

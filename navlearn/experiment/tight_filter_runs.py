@@ -23,6 +23,7 @@ from navlearn.logs.resample import RissTimeline
 from navlearn.mechanization.confirmed_standstill import confirmed_standstill
 from navlearn.outages.schedule import Outage
 from navlearn.recipe import Recipe
+from navlearn.recipe.ingredients import ingredients_of
 from navlearn.states import FixTiming, GnssFix, ImuSample, RissSample, SatelliteRanges
 from navlearn.tight_navigator import (
     TightNavigator,
@@ -32,6 +33,9 @@ from navlearn.tight_navigator import (
 )
 
 Line = RissTimeline | ImuTimeline
+
+TIGHT = ("tc_ekf", "tc_ukf")
+"""Tightly coupled filters without a model, by name."""
 
 
 class TightStart(NamedTuple):
@@ -91,29 +95,33 @@ class TightFilterRuns:
         self.recipe = recipe
         self._made: dict[str, tuple[TightNavigator, TightNavigatorRun]] = {}
 
-    def run(self, log: DriveLog) -> tuple[Line, RangeSeries, TightNavigator, TightNavigatorRun]:
+    def run(
+        self, log: DriveLog, method: str = "tc_ekf"
+    ) -> tuple[Line, RangeSeries, TightNavigator, TightNavigatorRun]:
         """Return timeline, ranges, navigator and run of a whole log.
 
         Args:
             log: The log.
+            method: Which filter: ``tc_ekf`` or ``tc_ukf``.
         """
         line = self._line(log)
         series = range_series(log, line)
-        navigator, run = self._run(log, line, series, len(line.t))
+        navigator, run = self._run(log, line, series, len(line.t), method)
         return line, series, navigator, run
 
-    def before(self, log: DriveLog, outage: Outage) -> TightStart:
+    def before(self, log: DriveLog, outage: Outage, method: str = "tc_ekf") -> TightStart:
         """Return the run up to an outage's start, and what is known from there on.
 
         Args:
             log: The drive up to the outage's end, without fixes from its start, and from there
                 without ranges but those of the satellites that stay visible.
             outage: The outage.
+            method: Which filter: ``tc_ekf`` or ``tc_ukf``.
         """
         line = self._line(log)
         series = range_series(log, line)
         first = _first_after(line, series, outage)
-        navigator, run = self._run(log, line, series, first)
+        navigator, run = self._run(log, line, series, first, method)
         later = series.timing.index >= first
         samples = line.samples
         if isinstance(samples, ImuSample):
@@ -141,6 +149,7 @@ class TightFilterRuns:
         line: Line,
         series: RangeSeries,
         last: int,
+        method: str,
     ) -> tuple[TightNavigator, TightNavigatorRun]:
         """Return navigator and run over the first intervals of a log."""
         early, heard = line.timing.index < last, series.timing.index < last
@@ -149,7 +158,7 @@ class TightFilterRuns:
         fix_timing = FixTiming(*(channel[early] for channel in line.timing))
         ranges = receptions(series.ranges, heard)
         timing = FixTiming(*(channel[heard] for channel in series.timing))
-        options = tight_navigator_options(self.recipe, log)
+        options = tight_navigator_options(self.recipe, log, method)
         bridged = line.bridged[:last] if isinstance(line, ImuTimeline) else None
         channels = (*samples, *fixes, *fix_timing, *ranges, *timing)
         channels += () if bridged is None else (bridged,)
@@ -210,16 +219,20 @@ def range_series(log: DriveLog, line: Line) -> RangeSeries:
     return ranges_of(log, np.concatenate(([line.start_time], line.t.numpy())))
 
 
-def tight_navigator_options(recipe: Recipe, log: DriveLog) -> TightNavigatorOptions:
+def tight_navigator_options(
+    recipe: Recipe, log: DriveLog, method: str = "tc_ekf"
+) -> TightNavigatorOptions:
     """Return the options of a recipe's tightly coupled navigator.
 
     Args:
         recipe: Its ``filter`` or ``ins_filter`` tells of the vehicle, ``tight`` of the ranges.
         log: Tells the lever arm of the antenna where the recipe does not.
+        method: ``tc_ekf`` linearises, ``tc_ukf`` takes sigma points.
     """
-    vehicle: EkfOptions | InsEkfOptions = filter_options(recipe, log=log)
+    kind = "ukf" if ingredients_of(method).unscented else "ekf"
+    vehicle: EkfOptions | InsEkfOptions = filter_options(recipe, kind, log)
     if recipe.mechanization.sensors == "imu":
-        vehicle = ins_filter_options(recipe, log=log)
+        vehicle = ins_filter_options(recipe, f"ins_{kind}", log)
     tight: TightEkfOptions = recipe.tight_ekf_options()
     return TightNavigatorOptions(vehicle=vehicle, tight=tight)
 

@@ -21,13 +21,14 @@ from navlearn.states import InsState
 class TightMethod:
     """The filter through the outage, with the ranges of the satellites that stay."""
 
-    def __init__(self, runs: TightFilterRuns) -> None:
+    def __init__(self, runs: TightFilterRuns, method: str = "tc_ekf") -> None:
         """Make the method.
 
         Args:
             runs: Filter runs, shared with the other methods.
+            method: Which filter: ``tc_ekf`` or ``tc_ukf``.
         """
-        self.runs = runs
+        self.runs, self.method = runs, method
 
     def predict(self, log: DriveLog, outage: Outage) -> Solution:
         """Return the filter's solution through an outage.
@@ -37,7 +38,7 @@ class TightMethod:
                 without ranges but those of the satellites that stay visible.
             outage: The outage.
         """
-        start = self.runs.before(log, outage)
+        start = self.runs.before(log, outage, self.method)
         history = start.through()
         notes = {"filter": history.method, **heard(start, history)}
         return Solution(table=tight_table(start, history, outage), notes=notes)

@@ -15,7 +15,8 @@ from navlearn.recipe.experiment_base import VERSIONS, Experiment, Titled
 from navlearn.recipe.log_section import LogSource
 from navlearn.recipe.spec import load_spec
 from navlearn.recipe.strict import parse
-from navlearn.recipe.yaml_file import YamlFile, read_yaml
+from navlearn.recipe.tuned_spec import read_tuned
+from navlearn.recipe.yaml_file import KeyPath, YamlFile, read_yaml
 
 ANY_ODOMETER: Final = ("scale", "delay", "offset")
 """Odometer errors that the filter estimates where nothing is known of the odometer."""
@@ -78,6 +79,14 @@ def own_content(file: YamlFile) -> dict[str, Any]:
         content["models"] = [
             _spec_entry(entry, file, i) for i, entry in enumerate(content["models"])
         ]
+    if isinstance(content.get("tuned"), str):
+        content["tuned"] = _tuned_entry(content["tuned"], file, ("tuned",))
+    grades = content.get("tuned_by_grade")
+    if isinstance(grades, dict):
+        content["tuned_by_grade"] = {
+            grade: _tuned_entry(entry, file, ("tuned_by_grade", grade))
+            for grade, entry in grades.items()
+        }
     return content
 
 
@@ -140,6 +149,19 @@ def _spec_entry(entry: Any, file: YamlFile, index: int) -> Any:
             f"(looked for {path}); paths are relative to the recipe"
         )
     return load_spec(path).model_dump()
+
+
+def _tuned_entry(entry: Any, file: YamlFile, key_path: KeyPath) -> Any:
+    """Return what was tuned as a mapping, reading the spec file that is named."""
+    if not isinstance(entry, str):
+        return entry
+    path = file.path.parent / entry
+    if not path.is_file():
+        raise ConfigError(
+            f"{file.where(key_path)}: there is no tuned spec {entry!r} (looked for {path}); paths "
+            "are relative to the recipe, and navlearn tune makes such a spec"
+        )
+    return read_tuned(path).model_dump()
 
 
 def absolute_source(source: Mapping[str, Any], file: YamlFile) -> dict[str, Any]:

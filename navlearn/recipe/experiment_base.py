@@ -10,7 +10,9 @@ from navlearn.logs.nearest import nearest_hint
 from navlearn.recipe.filter_options import (
     checked_filter,
     checked_ins_filter,
+    checked_integrity,
     checked_tight,
+    checked_unscented,
     ekf_options,
     ins_ekf_options,
     tight_ekf_options,
@@ -22,6 +24,7 @@ from navlearn.recipe.fixed_methods import (
     INS_COMPARED_WITH,
     TIGHT_COMPARED_WITH,
 )
+from navlearn.recipe.ingredients import check_ingredients, with_ingredients
 from navlearn.recipe.sections import (
     CalibrationSection,
     MechanizationSection,
@@ -32,6 +35,7 @@ from navlearn.recipe.sections import (
 from navlearn.recipe.spec import BUILT_IN, ModelSpec
 from navlearn.recipe.spec_base import PlainName, Seed
 from navlearn.recipe.strict import Section
+from navlearn.recipe.tuned_spec import TunedSpec
 
 if TYPE_CHECKING:
     from navlearn.fusion.ins.options import InsEkfOptions
@@ -75,6 +79,11 @@ class Experiment(Titled):
         filter: Options of the filter that differ from their defaults, by name.
         ins_filter: The same for the filter of a full IMU.
         tight: The same for raw ranges, beside the options of the vehicle's own filter.
+        unscented: Options of the sigma points of unscented filters that differ from their
+            defaults, by name.
+        tuned: What was tuned, for the methods with ``+tuned``.
+        integrity: Options of the gate that the methods with ``+integrity`` lay over those of
+            ``filter``, by name.
         outages: Where GNSS is taken away.
         training: What error models learn from.
         calibration: How late streams are stamped.
@@ -94,6 +103,13 @@ class Experiment(Titled):
         default_factory=dict
     )
     tight: Annotated[dict[str, Any], AfterValidator(checked_tight)] = Field(default_factory=dict)
+    unscented: Annotated[dict[str, Any], AfterValidator(checked_unscented)] = Field(
+        default_factory=dict
+    )
+    tuned: TunedSpec | None = None
+    integrity: Annotated[dict[str, Any], AfterValidator(checked_integrity)] = Field(
+        default_factory=dict
+    )
     outages: OutageSection = OutageSection()
     training: TrainingSection = TrainingSection()
     calibration: CalibrationSection = CalibrationSection()
@@ -136,17 +152,44 @@ class Experiment(Titled):
                 raise ValueError(f"the method {method!r} is listed twice; list each once")
         return self
 
+    @model_validator(mode="after")
+    def _ingredients_are_there(self) -> "Experiment":
+        check_ingredients(
+            self.methods,
+            unscented=bool(self.unscented),
+            tuned=self.tunings,
+            integrity=bool(self.integrity),
+        )
+        return self
+
+    @property
+    def tunings(self) -> tuple[TunedSpec | None, ...]:
+        """What is tuned: one for each class of drives, None where nothing is."""
+        return (self.tuned,)
+
     def model(self, name: str) -> ModelSpec:
         """Return the spec of a model by its name."""
         return next(spec for spec in self.models if spec.name == name)
 
-    def ekf_options(self) -> "EkfOptions":
-        """Return the filter's options: their defaults under the recipe's ``filter``."""
-        return ekf_options(self.filter)
+    def ekf_options(self, method: str = "ekf") -> "EkfOptions":
+        """Return the options of a method's filter: their defaults under the recipe's ``filter``.
 
-    def ins_ekf_options(self) -> "InsEkfOptions":
-        """Return the full-IMU filter's options: their defaults under ``ins_filter``."""
-        return ins_ekf_options(self.ins_filter)
+        Args:
+            method: Its ingredients are laid over what all methods share.
+        """
+        return ekf_options(self._with_ingredients(self.filter, method))
+
+    def ins_ekf_options(self, method: str = "ins_ekf") -> "InsEkfOptions":
+        """Return the options of a method's full-IMU filter: their defaults under ``ins_filter``.
+
+        Args:
+            method: Its ingredients are laid over what all methods share.
+        """
+        return ins_ekf_options(self._with_ingredients(self.ins_filter, method))
+
+    def _with_ingredients(self, overrides: dict[str, Any], method: str) -> dict[str, Any]:
+        sections = {"unscented": self.unscented, "integrity": self.integrity}
+        return with_ingredients(overrides, method, tuned=self.tuned, **sections)
 
     def tight_ekf_options(self) -> "TightEkfOptions":
         """Return the tightly coupled filter's options: their defaults under ``tight``."""

@@ -1,15 +1,12 @@
-"""Overrides of the filter's options, checked against the options themselves."""
+"""Overrides of the filters' options, checked against the options themselves."""
 
-import dataclasses
-import typing
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from pydantic import TypeAdapter, ValidationError
-
-from navlearn.logs.nearest import nearest_hint
+from navlearn.recipe.overrides import built, checked_for
 
 if TYPE_CHECKING:
+    from navlearn.filters.unscented import UnscentedOptions
     from navlearn.fusion.ins.options import InsEkfOptions
     from navlearn.fusion.options import EkfOptions
     from navlearn.fusion.tight.options import TightEkfOptions
@@ -29,7 +26,7 @@ def checked_filter(overrides: dict[str, Any]) -> dict[str, Any]:
         return {}
     from navlearn.fusion.options import EkfOptions
 
-    return _checked_for(EkfOptions, overrides)
+    return checked_for(EkfOptions, overrides)
 
 
 def checked_ins_filter(overrides: dict[str, Any]) -> dict[str, Any]:
@@ -46,7 +43,7 @@ def checked_ins_filter(overrides: dict[str, Any]) -> dict[str, Any]:
         return {}
     from navlearn.fusion.ins.options import InsEkfOptions
 
-    return _checked_for(InsEkfOptions, overrides)
+    return checked_for(InsEkfOptions, overrides)
 
 
 def checked_tight(overrides: dict[str, Any]) -> dict[str, Any]:
@@ -63,13 +60,40 @@ def checked_tight(overrides: dict[str, Any]) -> dict[str, Any]:
         return {}
     from navlearn.fusion.tight.options import TightEkfOptions
 
-    return _checked_for(TightEkfOptions, overrides)
+    return checked_for(TightEkfOptions, overrides)
 
 
-def _checked_for(options: type[Any], overrides: dict[str, Any]) -> dict[str, Any]:
-    checked = _checked(options, overrides, prefix="")
-    _built(options, checked)
-    return checked
+def checked_unscented(overrides: dict[str, Any]) -> dict[str, Any]:
+    """Return overrides of the sigma points' options, as :func:`checked_filter` does.
+
+    Args:
+        overrides: Values by name of a field of
+            :class:`navlearn.filters.unscented.UnscentedOptions`.
+
+    Raises:
+        ValueError: A name is unknown or a value is not allowed.
+    """
+    if not overrides:
+        return {}
+    from navlearn.filters.unscented import UnscentedOptions
+
+    return checked_for(UnscentedOptions, overrides)
+
+
+def checked_integrity(overrides: dict[str, Any]) -> dict[str, Any]:
+    """Return overrides of the gate's options, as :func:`checked_filter` does.
+
+    Args:
+        overrides: Values by name of a field of :class:`navlearn.fusion.gate_options.GateOptions`.
+
+    Raises:
+        ValueError: A name is unknown or a value is not allowed.
+    """
+    if not overrides:
+        return {}
+    from navlearn.fusion.gate_options import GateOptions
+
+    return checked_for(GateOptions, overrides)
 
 
 def ekf_options(overrides: Mapping[str, Any]) -> "EkfOptions":
@@ -83,8 +107,8 @@ def ekf_options(overrides: Mapping[str, Any]) -> "EkfOptions":
     """
     from navlearn.fusion.options import EkfOptions
 
-    built: EkfOptions = _built(EkfOptions, overrides)
-    return built
+    made: EkfOptions = built(EkfOptions, overrides)
+    return made
 
 
 def ins_ekf_options(overrides: Mapping[str, Any]) -> "InsEkfOptions":
@@ -98,8 +122,8 @@ def ins_ekf_options(overrides: Mapping[str, Any]) -> "InsEkfOptions":
     """
     from navlearn.fusion.ins.options import InsEkfOptions
 
-    built: InsEkfOptions = _built(InsEkfOptions, overrides)
-    return built
+    made: InsEkfOptions = built(InsEkfOptions, overrides)
+    return made
 
 
 def tight_ekf_options(overrides: Mapping[str, Any]) -> "TightEkfOptions":
@@ -113,48 +137,20 @@ def tight_ekf_options(overrides: Mapping[str, Any]) -> "TightEkfOptions":
     """
     from navlearn.fusion.tight.options import TightEkfOptions
 
-    built: TightEkfOptions = _built(TightEkfOptions, overrides)
-    return built
+    made: TightEkfOptions = built(TightEkfOptions, overrides)
+    return made
 
 
-def _checked(options: type[Any], overrides: Mapping[str, Any], *, prefix: str) -> dict[str, Any]:
-    wanted = typing.get_type_hints(options)
-    known = [field.name for field in dataclasses.fields(options)]
-    checked: dict[str, Any] = {}
-    for name, value in overrides.items():
-        if name not in known:
-            raise ValueError(
-                f"unknown key {prefix + str(name)!r}{nearest_hint(str(name), known)}; "
-                f"known: {', '.join(known)}"
-            )
-        if dataclasses.is_dataclass(wanted[name]):
-            if not isinstance(value, Mapping):
-                raise ValueError(f"{prefix}{name} is {value!r}; expected a mapping of options")
-            group = typing.cast("type[Any]", wanted[name])
-            checked[name] = _checked(group, value, prefix=f"{prefix}{name}.")
-        else:
-            checked[name] = _converted(prefix + name, value, wanted[name])
-    return checked
+def unscented_options(overrides: Mapping[str, Any]) -> "UnscentedOptions":
+    """Return the sigma points' options with overrides laid over their defaults.
 
+    Args:
+        overrides: As :func:`checked_unscented` returns them.
 
-def _converted(name: str, value: Any, wanted: Any) -> Any:
-    try:
-        return TypeAdapter(wanted).validate_python(value)
-    except ValidationError as problem:
-        said = problem.errors()[0]["msg"].replace("Input should be ", "expected ")
-        raise ValueError(f"{name} is {value!r}; {said}") from None
+    Raises:
+        ConfigError: The options do not go together.
+    """
+    from navlearn.filters.unscented import UnscentedOptions
 
-
-def _built(options: type[Any], overrides: Mapping[str, Any]) -> Any:
-    """Return options with overrides; mappings of numbers are laid over their defaults too."""
-    wanted = typing.get_type_hints(options)
-    default = options()
-    values: dict[str, Any] = {}
-    for name, value in overrides.items():
-        if dataclasses.is_dataclass(wanted[name]):
-            values[name] = _built(typing.cast("type[Any]", wanted[name]), value)
-        elif isinstance(value, Mapping):
-            values[name] = {**getattr(default, name), **value}
-        else:
-            values[name] = value
-    return dataclasses.replace(default, **values)
+    made: UnscentedOptions = built(UnscentedOptions, overrides)
+    return made

@@ -1,6 +1,8 @@
-"""Methods that need no spec: baselines, smoothing, and oracles."""
+"""Methods that need no spec: baselines, filters with ingredients, smoothing, and oracles."""
 
 from typing import Final, NamedTuple
+
+from navlearn.recipe.ingredients import INGREDIENTS, described
 
 
 class FixedMethod(NamedTuple):
@@ -8,8 +10,9 @@ class FixedMethod(NamedTuple):
 
     Attributes:
         description: What it does, in a sentence.
-        regime: ``none`` (nothing is trained), ``post-processing`` (sees fixes after the outage)
-            or ``oracle`` (knows what no method can know).
+        regime: ``none`` (nothing is trained), ``other-drives`` (tuned on what is not judged),
+            ``post-processing`` (sees fixes after the outage) or ``oracle`` (knows what no method
+            can know).
     """
 
     description: str
@@ -25,6 +28,9 @@ FIXED_METHODS: Final[dict[str, FixedMethod]] = {
     ),
     "ekf_shen2010": FixedMethod(
         "the filter with the error states of [Shen2010] as printed, that paper's own baseline"
+    ),
+    "ekf_ghouneem2024": FixedMethod(
+        "`ekf_shen2010` without a gate: the ordinary filter that [Ghouneem2024] starts from"
     ),
     "ekf": FixedMethod(
         "the honest filter: position, azimuth, gyro bias, odometer scale; tuned, gated"
@@ -48,6 +54,10 @@ FIXED_METHODS: Final[dict[str, FixedMethod]] = {
         "the honest filter of one gyro or a full IMU, tightly coupled: raw ranges and range rates "
         "of single satellites"
     ),
+    **{
+        name: FixedMethod(described(name), "other-drives" if made.tuned else "none")
+        for name, made in INGREDIENTS.items()
+    },
     "rts": FixedMethod(
         "the honest filter smoothed from the fixes before the outage and for 120 s after it",
         "post-processing",

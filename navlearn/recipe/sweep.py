@@ -4,7 +4,6 @@ A sweep is a recipe with a ``sweep`` section in place of ``log``: drives that ar
 real drive with a stated gyro error added, drawn anew per seed, or several real drives.
 """
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Final
 
@@ -14,8 +13,10 @@ from navlearn.recipe.document import Recipe, absolute_source, own_content
 from navlearn.recipe.experiment_base import Experiment, Titled
 from navlearn.recipe.filter_options import checked_filter, checked_ins_filter
 from navlearn.recipe.log_section import LogSource
+from navlearn.recipe.overrides import laid_over
 from navlearn.recipe.strict import parse
 from navlearn.recipe.swept_drives import Conditions, SweptDrives, known_grades
+from navlearn.recipe.tuned_spec import TunedSpec
 from navlearn.recipe.yaml_file import YamlFile, read_yaml
 
 IN_SWEEP: Final = {"duration_s": "durations_s", "satellites": "satellites"}
@@ -46,6 +47,11 @@ def _ins_filters_of_grades(filters: ByGrade) -> ByGrade:
     return {grade: checked_ins_filter(options) for grade, options in filters.items()}
 
 
+def _tunings_of_grades(tunings: dict[str, TunedSpec]) -> dict[str, TunedSpec]:
+    known_grades(tuple(tunings))
+    return tunings
+
+
 class SweepRecipe(Experiment, ManyDrives):
     """One experiment over many drives, complete.
 
@@ -53,12 +59,17 @@ class SweepRecipe(Experiment, ManyDrives):
         filter_by_grade: Options of the filter by grade, laid over ``filter``: what the data sheet
             of a gyro, or drives that are not scored, tell of its noise. For every method alike.
         ins_filter_by_grade: The same of the full-IMU filter, laid over ``ins_filter``.
+        tuned_by_grade: What was tuned for the drives of a grade, in place of ``tuned``.
     """
 
     filter_by_grade: Annotated[ByGrade, AfterValidator(_filters_of_grades)] = Field(
         default_factory=dict
     )
     ins_filter_by_grade: Annotated[ByGrade, AfterValidator(_ins_filters_of_grades)] = Field(
+        default_factory=dict
+    )
+
+    tuned_by_grade: Annotated[dict[str, TunedSpec], AfterValidator(_tunings_of_grades)] = Field(
         default_factory=dict
     )
 
@@ -99,7 +110,7 @@ class SweepRecipe(Experiment, ManyDrives):
 
     @model_validator(mode="after")
     def _filters_are_of_grades_swept(self) -> "SweepRecipe":
-        for grade in (*self.filter_by_grade, *self.ins_filter_by_grade):
+        for grade in (*self.filter_by_grade, *self.ins_filter_by_grade, *self.tuned_by_grade):
             if grade not in self.sweep.grades:
                 raise ValueError(
                     f"filters by grade: {grade!r} is not among the grades of the sweep: "
@@ -113,7 +124,7 @@ class SweepRecipe(Experiment, ManyDrives):
         Args:
             grade: Sensor grade; None for what all have in common.
         """
-        return _laid_over(self.filter, self.filter_by_grade.get(grade or "", {}))
+        return laid_over(self.filter, self.filter_by_grade.get(grade or "", {}))
 
     def ins_filter_of(self, grade: str | None) -> dict[str, Any]:
         """Return the full-IMU filter's options for a grade, as :meth:`filter_of` does.
@@ -121,7 +132,20 @@ class SweepRecipe(Experiment, ManyDrives):
         Args:
             grade: Sensor grade; None for what all have in common.
         """
-        return _laid_over(self.ins_filter, self.ins_filter_by_grade.get(grade or "", {}))
+        return laid_over(self.ins_filter, self.ins_filter_by_grade.get(grade or "", {}))
+
+    def tuned_of(self, grade: str | None) -> TunedSpec | None:
+        """Return what was tuned for a grade, or else for all.
+
+        Args:
+            grade: Sensor grade; None for what all have in common.
+        """
+        return self.tuned_by_grade.get(grade or "", self.tuned)
+
+    @property
+    def tunings(self) -> tuple[TunedSpec | None, ...]:
+        """What is tuned: one for each grade, None where nothing is."""
+        return tuple(self.tuned_of(grade) for grade in self.sweep.grades)
 
     @property
     def conditions(self) -> tuple[Conditions, ...]:
@@ -147,6 +171,7 @@ class SweepRecipe(Experiment, ManyDrives):
         shared = {key: getattr(self, key) for key in Experiment.model_fields}
         shared["filter"] = self.filter_of(grade)
         shared["ins_filter"] = self.ins_filter_of(grade)
+        shared["tuned"] = self.tuned_of(grade)
         most = max(self.outages.min_satellites, *self.sweep.satellites)
         own = {"duration_s": duration, "satellites": satellites, "min_satellites": most}
         shared["outages"] = self.outages.model_copy(update=own)
@@ -172,14 +197,6 @@ class SweepRecipe(Experiment, ManyDrives):
         if outages is not None:
             content["outages"]["count"] = outages
         return parse(SweepRecipe, content, file=self.name)
-
-
-def _laid_over(common: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
-    merged = dict(common)
-    for name, value in own.items():
-        both = isinstance(value, dict) and isinstance(merged.get(name), dict)
-        merged[name] = {**merged[name], **value} if both else value
-    return merged
 
 
 def load_sweep(path: str | Path) -> SweepRecipe:

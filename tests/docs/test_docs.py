@@ -9,6 +9,8 @@ import yaml
 
 import navlearn
 from navlearn.export import PredictorMetadata
+from navlearn.filters.unscented import UnscentedOptions
+from navlearn.fusion.gate_options import GateOptions
 from navlearn.logs.columns import REQUIRED, TABLES
 from navlearn.outages.metrics import FIGURES
 from navlearn.outages.schedule import DYNAMICS, PLACEMENTS, VISIBLE
@@ -60,6 +62,17 @@ def test_recipe_page_shows_keys_and_defaults(heading: str, section: type[Section
     defaults.pop("classes", None)
     for key, value in defaults.items():
         assert shown[key] == as_written(value), key
+
+
+@pytest.mark.parametrize("options", [UnscentedOptions, GateOptions])
+def test_recipe_page_shows_options_of_ingredients(options: type) -> None:
+    rows = tables_of("docs/recipes.md")["`unscented`, `tuned`, `integrity`".strip("`")]
+    fields = dataclasses.fields(options)
+    first = [row[0].strip("`") for row in rows].index(fields[0].name)
+    shown = rows[first : first + len(fields)]
+    assert [row[0].strip("`") for row in shown] == [field.name for field in fields]
+    for row, field in zip(shown, fields, strict=True):
+        assert row[1] == as_written(field.default), field.name
 
 
 def test_recipe_page_shows_every_key_of_a_recipe() -> None:
