@@ -74,7 +74,20 @@ def predict(state: InsState, pre: Preintegrated, change: Tensor | None = None) -
     Returns:
         State, shape (...).
     """
-    inc = corrected(pre, change)
+    return predict_with_way(state, corrected(pre, change))[0]
+
+
+def predict_with_way(state: InsState, inc: Preintegrated) -> tuple[InsState, Tensor]:
+    """Return the state at the end of a window, and how the window leads there.
+
+    Args:
+        state: State at its start, shape (...).
+        inc: The window's increments, shape (...).
+
+    Returns:
+        State, and the way east, north, up in the axes of the start, m, shape (..., 3): digits that
+        a latitude does not keep.
+    """
     T = inc.duration.unsqueeze(-1)
     omega = earth.earth_rate_enu(state.lat)
     gamma = earth.normal_gravity(state.lat, state.height)
@@ -95,7 +108,8 @@ def predict(state: InsState, pre: Preintegrated, change: Tensor | None = None) -
     pulled = slope * T * T * (coasted + way) / 12.0
     first = T * (way - fallen / 6.0)
     second = T * T * (7.0 / 12.0 * position + fallen / 6.0 + 2.0 / 3.0 * coasted)
-    return _told_there(state, inc, way + pulled - _held_back(omega, first, second), speed)
+    way = way + pulled - _held_back(omega, first, second)
+    return _told_there(state, inc, way, speed), way
 
 
 def _held_back(omega: Tensor, first: Tensor, second: Tensor) -> Tensor:

@@ -5,10 +5,12 @@ The complete model composes by preintegration, whose transition is in closed for
 closed form: there the transitions of all samples are found together and multiplied pairwise.
 """
 
+import torch
 from torch import Tensor
 
 from navlearn.filters.ekf import propagated
 from navlearn.filters.ins_belief import InsBelief
+from navlearn.frames import enu_between
 from navlearn.fusion.ins.error_dynamics import motion_between
 from navlearn.fusion.ins.layout import imu_corrected, imu_errors
 from navlearn.fusion.ins.linear_steps import composed, discretized
@@ -17,7 +19,7 @@ from navlearn.fusion.ins.noise import InsNoise, walks
 from navlearn.fusion.ins.path import path_over_samples, states_before
 from navlearn.fusion.ins.recursion import InsCarried
 from navlearn.mechanization.preintegration import Preintegrated, preintegrate
-from navlearn.mechanization.preintegration_predict import predict
+from navlearn.mechanization.preintegration_predict import predict, predict_with_way
 from navlearn.mechanization.preintegration_transition import block_transition
 from navlearn.states import ImuSample, InsState
 
@@ -66,8 +68,8 @@ def ahead_of(
 
 def end_of(
     model: InsFilterModel, point: InsBelief, samples: ImuSample, noise: InsNoise
-) -> InsBelief:
-    """Return the ends of blocks alone, as :func:`ahead_of` has them.
+) -> tuple[InsBelief, Tensor]:
+    """Return the ends of blocks alone, as :func:`ahead_of` has them, and the ways there.
 
     Args:
         model: The filter.
@@ -76,14 +78,17 @@ def end_of(
         noise: Noise densities.
 
     Returns:
-        Belief at the end, covariance as at the start.
+        Belief at the end, covariance as at the start; and how far that is from the start, east,
+        north, up, m, shape (..., 3).
     """
     held, sensor = _sensor_over(model, point, samples)
     if has_closed_form(model):
-        state = predict(point.state, preintegrated(model, held.sensor, samples, noise))
+        pre = preintegrated(model, held.sensor, samples, noise)
+        state, way = predict_with_way(point.state, pre)
     else:
         state = _last(path_over_samples(model, held, samples), point)
-    return point._replace(state=state, sensor=sensor)
+        way = torch.stack(enu_between(*state[:3], *point.state[:3]), -1)
+    return point._replace(state=state, sensor=sensor), way
 
 
 def _sensor_over(

@@ -9,7 +9,7 @@ from navlearn.filters.ins_belief import InsBelief
 from navlearn.frames import shift_geodetic
 from navlearn.fusion.ins.antenna import ins_antenna_offset, ins_antenna_velocity
 from navlearn.fusion.ins.composed import ahead_of, end_of, has_closed_form
-from navlearn.fusion.ins.layout import belief_difference, moved_belief
+from navlearn.fusion.ins.layout import belief_difference, moved_belief, state_difference
 from navlearn.fusion.ins.model import InsFilterModel, ins_filter_model
 from navlearn.fusion.ins.moment import moment_of
 from navlearn.fusion.ins.noise import InsNoise, ins_noise_from_log, log_ins_noise
@@ -32,6 +32,7 @@ from navlearn.fusion.tight.vehicle import (
     VehicleLine,
     block_at,
     closed_only,
+    for_points,
     no_fixes,
 )
 from navlearn.fusion.updates import Measured
@@ -48,20 +49,6 @@ class InsBlock(NamedTuple):
 
     samples: ImuSample
     occasion: InsOccasion
-
-
-def over_points(samples: ImuSample, shape: torch.Size) -> ImuSample:
-    """Return samples of blocks for each of the points that are carried over them.
-
-    Args:
-        samples: Samples, batch shape (...) or, for all points alike, (..., 1), and n each.
-        shape: Batch shape (..., P) of the points.
-
-    Returns:
-        Samples, batch shape (..., P), views of those given.
-    """
-    n = samples.dt.shape[-1]
-    return ImuSample(*(x.expand(*shape, n, *x.shape[samples.dt.dim() :]) for x in samples))
 
 
 class InsVehicle(GatedVehicle):
@@ -124,15 +111,40 @@ class InsVehicle(GatedVehicle):
 
     def carried(self, belief: InsBelief, block: InsBlock) -> InsBelief:
         """Return beliefs moved over blocks, their covariance as it was; see ``Vehicle``."""
-        samples = over_points(block.samples, belief.state.lat.shape)
-        return end_of(self.model, belief, samples, self.noise)
+        return end_of(self.model, belief, block.samples, self.noise)[0]
 
     def carried_in_turn(self, belief: InsBelief, block: InsBlock) -> InsBelief:
         """Return the same sample by sample: the oracle of :meth:`carried`."""
-        samples, along = over_points(block.samples, belief.state.lat.shape), belief.state.lat.dim()
-        for channels in zip(*(x.unbind(along) for x in samples), strict=True):
+        along = belief.state.lat.dim()
+        for channels in zip(*(x.unbind(along) for x in block.samples), strict=True):
             belief = carried_ins_sample(self.model, belief, ImuSample(*channels))
         return belief
+
+    def carried_apart(self, belief: InsBelief, deviation: Tensor, block: InsBlock) -> Tensor:
+        """Return how far from the first point others are at the ends of blocks; see ``Vehicle``.
+
+        Positions by the ways that the points go, which keep the digits that narrow points need;
+        how the axes of a start elsewhere are turned (20 m go other 3 µm for a start 1 m elsewhere)
+        is left out.
+        """
+        batch, points = deviation.dim() - 2, deviation.shape[-2]
+        wide = for_points(block.samples, batch, points)
+        start = moved_belief(for_points(belief, batch, points), deviation)
+        end, way = end_of(self.model, start, wide, self.noise)
+        centre = InsState(*(x.narrow(batch, 0, 1).expand_as(x) for x in end.state))
+        rest = state_difference(end.state, centre)[..., 3:]
+        position = deviation[..., :3] + way - way[..., :1, :]
+        return torch.cat((position, rest, end.sensor - end.sensor[..., :1, :]), -1)
+
+    def moved_at_start(self, belief: InsBelief, correction: Tensor, block: InsBlock) -> InsBelief:  # noqa: ARG002
+        """Return beliefs at the starts of blocks moved by a correction; see ``Vehicle``."""
+        return moved_belief(belief, correction)
+
+    def in_samples(self, block: InsBlock) -> list[InsBlock]:
+        """Return the samples of blocks as blocks of one sample each."""
+        along = block.samples.dt.dim() - 1
+        channels = (x.unsqueeze(along + 1).unbind(along) for x in block.samples)
+        return [InsBlock(ImuSample(*one), block.occasion) for one in zip(*channels, strict=True)]
 
     def measured(self, belief: InsBelief, block: InsBlock) -> Measured:
         """Return what the vehicle measures of itself at the ends of blocks."""

@@ -6,6 +6,8 @@ and told apart by one, so that points may lie anywhere on the sphere of rotation
 ``sequential`` draws them anew at every sample and is the oracle.
 """
 
+from typing import Any
+
 import torch
 from torch import Tensor
 
@@ -15,7 +17,8 @@ from navlearn.filters.unscented import UnscentedOptions, sigma_weights
 from navlearn.fusion.ins.drives import Method, filtered_drives
 from navlearn.fusion.ins.history import InsHistory
 from navlearn.fusion.ins.options import InsEkfOptions
-from navlearn.fusion.ins.recursion import InsEnded, ins_history_of
+from navlearn.fusion.ins.path import ins_path_in_blocks
+from navlearn.fusion.ins.recursion import InsEnded, ins_history
 from navlearn.fusion.ins.timeline import InsOccasion, InsRest, ins_occasion_after
 from navlearn.fusion.tight.ins_vehicle import InsBlock, InsVehicle
 from navlearn.fusion.unscented.prediction import predicted_in_turn, rooted
@@ -46,7 +49,9 @@ class InsUkf(InsVehicle):
                 "estimate, not about a mechanization that runs free: choose feedback closed"
             )
         super().__init__(options)
-        self.weights = sigma_weights(options.unscented or UnscentedOptions(), self.model.layout.size)
+        self.weights = sigma_weights(
+            options.unscented or UnscentedOptions(), self.model.layout.size
+        )
 
     def forward(
         self,
@@ -88,11 +93,10 @@ class InsUkf(InsVehicle):
     ) -> InsHistory:
         line = self.laid_out(samples, fixes, timing)
         in_turn = method == "sequential"
-        record = InsEnded(*run_unscented_loop(self, self.weights, start, line, in_turn=in_turn))
-        path = self.path(start, record.belief, line)
-        return ins_history_of(
-            line.line.blocks, record, path, "sequential" if in_turn else "exact", 1
-        )
+        ended: Any = run_unscented_loop(self, self.weights, start, line, in_turn=in_turn)
+        record = InsEnded(*ended)
+        inside = ins_path_in_blocks(self.model, start, record.belief, line.line)
+        return ins_history(line.line, record, inside, "sequential" if in_turn else "exact", 1)
 
     def step(self, belief: InsBelief, sample: ImuSample) -> InsBelief:
         """Predict one sample, as a car does while driving.
@@ -107,7 +111,8 @@ class InsUkf(InsVehicle):
         """
         none = GnssFix(*(torch.zeros_like(sample.dt) for _ in GnssFix._fields))
         block = _one_sample(sample, ins_occasion_after(sample, fix=none))
-        return predicted_in_turn(self, self.weights, rooted(belief), block).belief
+        after: InsBelief = predicted_in_turn(self, self.weights, rooted(belief), block).belief
+        return after
 
     def update(
         self,
@@ -134,7 +139,8 @@ class InsUkf(InsVehicle):
         """
         occasion = ins_occasion_after(sample, fix=fix, delay=delay, rest=rest, aided=aided)
         block = _one_sample(sample, occasion)
-        return end_block(self, self.weights, rooted(belief), block)[1].belief
+        after: InsBelief = end_block(self, self.weights, rooted(belief), block)[0].belief
+        return after
 
 
 def _one_sample(sample: ImuSample, occasion: InsOccasion) -> InsBlock:

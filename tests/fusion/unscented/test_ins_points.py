@@ -13,6 +13,7 @@ from torch import Tensor
 from navlearn.attitude import quaternion_from_angles
 from navlearn.filters.ins_belief import InsBelief, map_ins_belief
 from navlearn.frames import enu_between
+from navlearn.fusion.ins.composed import has_closed_form
 from navlearn.fusion.ins.options import InsEkfOptions
 from navlearn.fusion.ins.start import initial_ins_belief
 from navlearn.fusion.tight.ins_vehicle import InsBlock, InsVehicle
@@ -83,9 +84,45 @@ def test_carried_is_the_prediction_without_its_linearisation(name: str, padding:
     wanted = vehicle.predicted(points, block).belief
     for a, b in zip((*carried.state, *carried[1:]), (*wanted.state, *wanted[1:]), strict=True):
         torch.testing.assert_close(a, b, rtol=1e-15, atol=1e-15)
-    # a block that has no axis of points yet serves all points alike
-    alike = vehicle.carried(points, type(block)(ImuSample(*(x[:, :1] for x in block[0])), block[1]))
-    assert all(torch.equal(a, b) for a, b in zip(carried.state, alike.state, strict=True))
+
+
+@pytest.mark.parametrize("name", CHOICES)
+@pytest.mark.parametrize("scale", [1.0, 1e-5])
+def test_points_come_apart_as_they_are_carried(name: str, scale: float) -> None:
+    vehicle = InsVehicle(CHOICES[name])
+    alone, (points, block) = block_of(vehicle), points_of(vehicle, block_of(vehicle), scale)
+    centre = map_ins_belief(belief_of(vehicle.options), lambda x: x.unsqueeze(0))
+    many = map_ins_belief(centre, lambda x: x.unsqueeze(1).expand(1, POINTS, *x.shape[1:]))
+    deviation = vehicle.difference(points, many, block)
+    deviation = torch.cat((torch.zeros_like(deviation[:, :1]), deviation), 1)
+    apart = vehicle.carried_apart(centre, deviation, alone)
+    assert float(apart[:, 0].abs().max()) < 1e-16
+    ends, end = vehicle.carried(points, block), vehicle.carried(centre, alone)
+    end = map_ins_belief(end, lambda x: x.unsqueeze(1).expand(1, POINTS, *x.shape[1:]))
+    wanted = vehicle.difference(ends, end, block)
+    torch.testing.assert_close(apart[:, 1:], wanted, rtol=0.0, atol=1e-4 * scale + 4e-9)
+    # what narrow points show of second order is told in more digits than a latitude has
+    if scale < 1.0 and has_closed_form(vehicle.model):
+        pair = torch.stack((deviation[:, 1], -deviation[:, 1]), 1)
+        pair = torch.cat((torch.zeros_like(pair[:, :1]), pair), 1)
+        even = vehicle.carried_apart(centre, pair, alone)[:, 1:].sum(1)
+        assert float(even[:, :3].abs().max()) < 1e-9
+
+
+@pytest.mark.parametrize("name", ["15", "gauss_markov"])
+def test_a_block_is_its_samples(name: str) -> None:
+    vehicle = InsVehicle(CHOICES[name])
+    belief = map_ins_belief(belief_of(vehicle.options), lambda x: x.unsqueeze(0))
+    block = block_of(vehicle)
+    pieces = vehicle.in_samples(block)
+    assert [piece.samples.omega_ib_b.shape for piece in pieces] == [(1, 1, 3)] * 40
+    found = belief
+    for piece in pieces:
+        found = vehicle.carried(found, piece)
+    wanted = vehicle.carried_in_turn(belief, block)
+    # a bias that decays is held at its middle over a block
+    assert float(vehicle.difference(found, wanted, block)[..., :9].abs().max()) < 1e-4
+    assert float((found.sensor - wanted.sensor).abs().max()) < 1e-12
 
 
 @pytest.mark.parametrize("name", CHOICES)
