@@ -21,6 +21,7 @@ from navlearn.fusion.fast_pass import beliefs_of, linearised_pass
 from navlearn.fusion.filter_model import FilterModel
 from navlearn.fusion.first_guess import first_guess
 from navlearn.fusion.gated_pass import Behind
+from navlearn.fusion.gating import Judged
 from navlearn.fusion.history import FilterHistory
 from navlearn.fusion.noise import EkfNoise
 from navlearn.fusion.record import Ended, history, path_in_blocks, starts_of_blocks
@@ -75,9 +76,9 @@ class _Passes(NamedTuple):
     def tolerances(self) -> tuple[float, float]:
         return ROUGHLY, TOLERANCE
 
-    def run(self, guess: Belief, verdict: Tensor | None, rounds: int) -> tuple[Ended, Behind]:
+    def run(self, guess: Belief, said: Judged | None, rounds: int) -> tuple[Ended, Behind]:
         model, start, line, noise = self
-        done = linearised_pass(model, start, guess, line, noise, verdict, rounds)
+        done = linearised_pass(model, start, guess, line, noise, said, rounds)
         return beliefs_of(model, start, line, done), done.behind
 
     def starts(self, record: Ended) -> Belief:

@@ -14,6 +14,7 @@ from navlearn.fusion.filter_model import (
     predict_blocks,
 )
 from navlearn.fusion.gated_pass import Behind, Linearised, filtered_behind_gate
+from navlearn.fusion.gating import Judged
 from navlearn.fusion.noise import EkfNoise
 from navlearn.fusion.opening import opened
 from navlearn.fusion.record import Ended
@@ -45,7 +46,7 @@ def linearised_pass(
     begin: Belief,
     line: Timeline,
     noise: EkfNoise,
-    verdict: Tensor | None,
+    said: Judged | Tensor | None,
     rounds: int,
 ) -> Pass:
     """Run one pass.
@@ -56,8 +57,8 @@ def linearised_pass(
         begin: Guess of the beliefs at which blocks start, batch shape (B, K).
         line: The drives in blocks.
         noise: Noise densities and deviations.
-        verdict: The gate's verdicts to use, shape (B, K, 5); None believes everything.
-        rounds: How often at most verdicts are renewed within the pass.
+        said: The gate's verdicts and weights to use, or verdicts alone; None believes everything.
+        rounds: How often at most they are renewed within the pass.
 
     Returns:
         The pass.
@@ -74,7 +75,7 @@ def linearised_pass(
         start.covariance,
         start.refused,
         Linearised(transition, shift, q, found),
-        verdict,
+        said,
         rounds,
         lambda v, innovation: opened(model, v, found, innovation),
     )

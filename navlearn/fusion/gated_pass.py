@@ -2,7 +2,7 @@
 
 The gate judges innovations that depend on what it let through before. Verdicts are renewed within
 the pass: a set of verdicts that reproduces itself is the one that a loop would have found, because
-those at a block depend on earlier ones alone.
+those at a block depend on earlier ones alone. So with weights, which hang on the same innovations.
 """
 
 from collections.abc import Callable
@@ -14,10 +14,20 @@ from torch import Tensor
 from navlearn.filters.chunks import Filtered
 from navlearn.filters.ekf import projected
 from navlearn.filters.scan import LinearSteps, filter_in_parallel
+from navlearn.filters.whitening import whitened
 from navlearn.fusion.gating import Gated, Judged, nis_by_kind, taken
 from navlearn.fusion.gating_over_time import judged_over_time
+from navlearn.fusion.integrity import position_faults
 from navlearn.fusion.measurements import Verdict
+from navlearn.fusion.robust import weights
 from navlearn.fusion.updates import Measured
+
+NEARLY = 1e-6
+"""By how much weights may differ that reproduce themselves."""
+
+UNROLLED = 5
+"""How often weights are renewed in a pass with gradients: each round carries what weights do to the
+weights of later blocks one step further."""
 
 
 class Linearised(NamedTuple):
@@ -43,24 +53,49 @@ class Behind(NamedTuple):
     Attributes:
         filtered: Deviations and covariances.
         innovation: Measured minus predicted by the filter, shape (B, K, r).
-        judged: The gate's verdicts on these innovations.
-        used: The verdicts that were used to get there, shape (B, K, kinds).
+        judged: The gate's verdicts on these innovations, and weights.
+        used: What was believed to get there.
     """
 
     filtered: Filtered
     innovation: Tensor
     judged: Judged
-    used: Tensor
+    used: Judged
 
     @property
-    def said(self) -> Tensor:
+    def said(self) -> Judged:
         """What the gate says now."""
-        return self.judged.verdict
+        return self.judged
 
     @property
     def reproduced(self) -> bool:
         """Whether the gate says again what it had said."""
-        return bool((self.judged.verdict == self.used).all())
+        return same_said(self.judged, self.used)
+
+
+def same_said(said: Judged, other: Judged) -> bool:
+    """Return whether the same is believed: verdicts alike, and weights nearly.
+
+    Args:
+        said: What is believed.
+        other: What was believed before.
+    """
+    alike = bool((said.verdict == other.verdict).all())
+    if said.weight is None or other.weight is None:
+        return alike and said.weight is other.weight
+    return alike and bool(((said.weight - other.weight).abs() <= NEARLY).all())
+
+
+def everything_believed(model: Gated, present: Tensor) -> Judged:
+    """Return what is believed before anything is known.
+
+    Args:
+        model: The filter.
+        present: 1.0 where a kind is measured, shape (B, K, kinds).
+    """
+    verdict = (present > 0.5).to(torch.int64) * int(Verdict.ACCEPTED)
+    none = torch.zeros_like(present)
+    return Judged(none, verdict, none, torch.ones_like(present) if model.gate.weighs else None)
 
 
 def filtered_behind_gate(
@@ -68,7 +103,7 @@ def filtered_behind_gate(
     covariance: Tensor,
     refused: Tensor,
     blocks: Linearised,
-    verdict: Tensor | None,
+    said: Judged | Tensor | None,
     rounds: int,
     opened: Callable[[Tensor, Tensor], Tensor],
 ) -> Behind:
@@ -79,8 +114,9 @@ def filtered_behind_gate(
         covariance: P before the first block, shape (B, n, n).
         refused: Consecutive refusals before the first block, shape (B, kinds).
         blocks: The linearised blocks.
-        verdict: Verdicts to use, shape (B, K, kinds); None believes everything.
-        rounds: How often at most verdicts are renewed.
+        said: Verdicts and weights to use; verdicts alone, shape (B, K, kinds), whose weights are
+            found along; None believes everything.
+        rounds: How often at most they are renewed.
         opened: Gives the variance added where the gate resets, shape (B, K, n), from verdicts and
             innovations.
 
@@ -89,11 +125,16 @@ def filtered_behind_gate(
     """
     found = blocks.found
     zero = torch.zeros_like(covariance[..., 0])
-    if verdict is None:
-        verdict = (found.present > 0.5).to(torch.int64) * int(Verdict.ACCEPTED)
+    along = torch.is_grad_enabled() or isinstance(said, Tensor)
+    unrolled = UNROLLED if model.gate.weighs and along else 0
+    if said is None:
+        said = everything_believed(model, found.present)
+    elif isinstance(said, Tensor):
+        said = everything_believed(model, found.present)._replace(verdict=said)
     innovation = found.innovation
     while True:
-        used = taken(model, found, verdict)
+        verdict = said.verdict
+        used = independent(taken(model, found, verdict, said.weight))
         total, extra = blocks.noise, torch.zeros_like(blocks.noise[..., :1, :1])
         if bool((verdict == int(Verdict.ACCEPTED_BY_RESET)).any()):
             extra = torch.diag_embed(opened(verdict, innovation))
@@ -113,9 +154,31 @@ def filtered_behind_gate(
         innovation = found.innovation - told
         _, spread = projected(filtered.prior_covariance, found.observation)
         nis = nis_by_kind(model, found, innovation, spread)
-        new = judged_over_time(model, nis, found.present, refused)
+        if unrolled > 0:
+            unrolled -= 1
+            said = said._replace(weight=weights(model.gate, model.rows, nis, verdict))
+            continue
+        faults = position_faults(model.gate, model.rows, found._replace(innovation=innovation))
+        new = judged_over_time(model, nis, found.present, refused, faults=faults)
         rounds -= 1
-        done = Behind(filtered, innovation, new, verdict)
+        done = Behind(filtered, innovation, new, said)
         if rounds <= 0 or done.reproduced:
             return done
-        verdict = new.verdict
+        said = new
+
+
+def independent(measured: Measured) -> Measured:
+    """Return measurements that tell the same, each with a noise of its own.
+
+    Args:
+        measured: What is used, its refused rows blank, shape (...).
+
+    Returns:
+        The same without ``extra``.
+    """
+    if measured.extra is None:
+        return measured
+    R = torch.diag_embed(measured.variance) + measured.extra
+    H, innovation = whitened(measured.observation, R, measured.innovation)
+    variance = torch.ones_like(measured.variance)
+    return measured._replace(observation=H, innovation=innovation, variance=variance, extra=None)

@@ -8,6 +8,7 @@ from torch import Tensor
 
 from navlearn.filters.ekf import Corrected, corrected, gain_of_projected, projected
 from navlearn.fusion.gating import Gated, Judged, judged, nis_by_kind, taken
+from navlearn.fusion.integrity import position_faults
 from navlearn.fusion.measurements import Verdict
 from navlearn.fusion.updates import Measured
 
@@ -16,7 +17,8 @@ class Believed(NamedTuple):
     """What the gate lets pass.
 
     Attributes:
-        used: Measurements with the refused ones blanked out, shape (...).
+        used: Measurements with the refused ones blanked out, the others as they count, shape
+            (...).
         opened: Variance added because the gate resets, shape (..., n), or None where it does not.
         judged: What the gate said.
     """
@@ -46,13 +48,14 @@ def believed(
         What passes.
     """
     nis = nis_by_kind(model, found, found.innovation, spread)
-    verdict = judged(model, nis, found.present, refused)
-    if not bool((verdict.verdict > int(Verdict.ACCEPTED)).any()):
+    faults = position_faults(model.gate, model.rows, found)
+    verdict = judged(model, nis, found.present, refused, faults=faults)
+    if verdict.weight is None and not bool((verdict.verdict > int(Verdict.ACCEPTED)).any()):
         return Believed(found, None, verdict)
     more = None
     if bool((verdict.verdict == int(Verdict.ACCEPTED_BY_RESET)).any()):
         more = opened(verdict.verdict)
-    return Believed(taken(model, found, verdict.verdict), more, verdict)
+    return Believed(taken(model, found, verdict.verdict, verdict.weight), more, verdict)
 
 
 def gated_update(

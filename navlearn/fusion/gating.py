@@ -1,4 +1,8 @@
-"""Which measurements are believed: the χ² gate on each kind's innovation, and when it resets."""
+"""Which measurements are believed: the χ² gate on each kind's innovation, and when it resets.
+
+Thresholds in metres (:mod:`navlearn.fusion.integrity`) refuse beside the gate, and count towards
+its reset; what is believed may count for less (:mod:`navlearn.fusion.robust`).
+"""
 
 from enum import IntEnum
 from functools import lru_cache
@@ -8,7 +12,9 @@ import torch
 from torch import Tensor
 
 from navlearn.fusion.gate_options import GateOptions
-from navlearn.fusion.measurements import Rows, Verdict
+from navlearn.fusion.integrity import with_reason
+from navlearn.fusion.measurements import Rows, Verdict, believed
+from navlearn.fusion.robust import weights, with_less_weight
 from navlearn.fusion.updates import Measured
 
 
@@ -48,11 +54,14 @@ class Judged(NamedTuple):
         nis: Normalised innovation squared, NaN where nothing is measured, shape (..., kinds).
         verdict: Codes of :class:`navlearn.fusion.measurements.Verdict`, int64, shape (..., kinds).
         refused: Consecutive refusals so far, shape (..., kinds).
+        weight: How much each kind counts, 1 as its variance says, shape (..., kinds); None where
+            the gate does not weigh.
     """
 
     nis: Tensor
     verdict: Tensor
     refused: Tensor
+    weight: Tensor | None = None
 
 
 def nis_by_kind(model: Gated, measured: Measured, innovation: Tensor, spread: Tensor) -> Tensor:
@@ -108,7 +117,9 @@ def _limits(
         return torch.tensor(values, dtype=dtype, device=device)
 
 
-def judged(model: Gated, nis: Tensor, present: Tensor, refused: Tensor) -> Judged:
+def judged(
+    model: Gated, nis: Tensor, present: Tensor, refused: Tensor, *, faults: Tensor | None = None
+) -> Judged:
     """Return which kinds pass the gate at one time.
 
     Args:
@@ -116,12 +127,14 @@ def judged(model: Gated, nis: Tensor, present: Tensor, refused: Tensor) -> Judge
         nis: NIS of each kind, shape (..., kinds).
         present: 1.0 where a kind is measured, shape (..., kinds).
         refused: Consecutive refusals before, shape (..., kinds).
+        faults: What thresholds in metres refuse, int64, shape (..., kinds); None where there are
+            none (:func:`navlearn.fusion.integrity.position_faults`).
 
     Returns:
-        Verdicts and the refusals afterwards.
+        Verdicts, the refusals afterwards, and weights.
     """
     there = present > 0.5
-    beyond = there & ~(nis.detach() <= limits_by_kind(model, nis))
+    beyond = beyond_limits(model, nis, there, faults)
     patient = refused >= model.gate.reset_after
     begun = torch.zeros_like(there[..., :1])
     if model.anchor is not None:
@@ -135,38 +148,69 @@ def judged(model: Gated, nis: Tensor, present: Tensor, refused: Tensor) -> Judge
     verdict = torch.where(gate, int(Verdict.REFUSED_BY_GATE), verdict)
     verdict = torch.where(reset, int(Verdict.ACCEPTED_BY_RESET), verdict)
     count = torch.where(gate & ~alone, refused + 1.0, torch.where(there, 0.0, refused))
-    return Judged(torch.where(there, nis, torch.nan), verdict, count)
+    return weighed(model, torch.where(there, nis, torch.nan), with_reason(verdict, faults), count)
+
+
+def beyond_limits(model: Gated, nis: Tensor, there: Tensor, faults: Tensor | None) -> Tensor:
+    """Return what is to be refused unless the gate resets, bool, shape (..., kinds).
+
+    Args:
+        model: The filter.
+        nis: NIS of each kind, shape (..., kinds).
+        there: Whether a kind is measured, bool, shape (..., kinds).
+        faults: What thresholds in metres refuse, or None.
+    """
+    beyond = there & ~(nis.detach() <= limits_by_kind(model, nis))
+    return beyond if faults is None else beyond | (there & (faults > 0))
+
+
+def weighed(model: Gated, nis: Tensor, verdict: Tensor, refused: Tensor) -> Judged:
+    """Return verdicts with the weights of what is believed.
+
+    Args:
+        model: The filter.
+        nis: NIS of each kind, shape (..., kinds).
+        verdict: Verdicts, shape (..., kinds).
+        refused: Consecutive refusals so far, shape (..., kinds).
+    """
+    weight = weights(model.gate, model.rows, nis, verdict)
+    return Judged(nis, with_less_weight(verdict, weight), refused, weight)
 
 
 def _company(model: Gated, like: Tensor) -> Tensor:
     """Return which kinds are listened to where the anchor resets, bool, shape (kinds,)."""
-    believed = torch.zeros(like.shape[-1], dtype=torch.bool, device=like.device)
+    listened = torch.zeros(like.shape[-1], dtype=torch.bool, device=like.device)
     for kind in (model.anchor, *model.company):
         if kind is not None:
-            believed[kind] = True
-    return believed
+            listened[kind] = True
+    return listened
 
 
-def taken(model: Gated, measured: Measured, verdict: Tensor) -> Measured:
-    """Return measurements with the refused ones blanked out.
+def taken(
+    model: Gated, measured: Measured, verdict: Tensor, weight: Tensor | None = None
+) -> Measured:
+    """Return measurements with the refused ones blanked out, the others as they count.
 
     Args:
         model: The filter.
         measured: What is measured, shape (...).
         verdict: Verdict per kind, shape (..., kinds).
+        weight: Weight per kind, shape (..., kinds); None takes variances as they are told.
 
     Returns:
         Measurements whose refused rows are zero with unit variance.
     """
-    fine = (verdict == int(Verdict.ACCEPTED)) | (verdict == int(Verdict.ACCEPTED_BY_RESET))
-    keep = model.rows.spread(fine)
+    keep = model.rows.spread(believed(verdict))
+    variance = measured.variance
+    if weight is not None:
+        variance = variance / model.rows.spread(weight)
     extra = measured.extra
     if extra is not None:
         extra = torch.where(keep.unsqueeze(-1) & keep.unsqueeze(-2), extra, 0.0)
     return Measured(
         torch.where(keep, measured.innovation, 0.0),
         torch.where(keep.unsqueeze(-1), measured.observation, 0.0),
-        torch.where(keep, measured.variance, 1.0),
+        torch.where(keep, variance, 1.0),
         measured.present,
         extra,
     )

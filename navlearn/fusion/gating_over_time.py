@@ -6,7 +6,8 @@ Only kinds of which anything was refused are gone through block by block.
 import torch
 from torch import Tensor
 
-from navlearn.fusion.gating import Gated, Judged, limits_by_kind
+from navlearn.fusion.gating import Gated, Judged, beyond_limits, weighed
+from navlearn.fusion.integrity import with_reason
 from navlearn.fusion.measurements import Verdict
 
 
@@ -16,6 +17,7 @@ def judged_over_time(
     present: Tensor,
     refused: Tensor,
     *,
+    faults: Tensor | None = None,
     vouched: Tensor | None = None,
     unheard: Tensor | None = None,
 ) -> Judged:
@@ -26,14 +28,16 @@ def judged_over_time(
         nis: NIS of each kind, shape (B, K, kinds).
         present: 1.0 where a kind is measured, shape (B, K, kinds).
         refused: Consecutive refusals before the first block, shape (B, kinds).
+        faults: What thresholds in metres refuse, int64, shape (B, K, kinds); None where there are
+            none.
         vouched: Where others vouch for the filter, so that nothing resets, bool, shape (B, K).
         unheard: Where a kind is not listened to, bool, shape (B, K, kinds).
 
     Returns:
-        Verdicts and the refusals after each block.
+        Verdicts, the refusals after each block, and weights.
     """
     there = present > 0.5
-    beyond = there & ~(nis.detach() <= limits_by_kind(model, nis))
+    beyond = beyond_limits(model, nis, there, faults)
     verdict = there.to(torch.int64) * int(Verdict.ACCEPTED)
     count = torch.zeros_like(nis)
     odd = beyond.any(1) | (refused > 0.5)
@@ -62,7 +66,7 @@ def judged_over_time(
         )
         verdict[b, :, kind] = torch.tensor(column, device=verdict.device)
         count[b, :, kind] = torch.tensor(counts, dtype=count.dtype, device=count.device)
-    return Judged(torch.where(there, nis, torch.nan), verdict, count)
+    return weighed(model, torch.where(there, nis, torch.nan), with_reason(verdict, faults), count)
 
 
 def _judged_column(

@@ -13,18 +13,18 @@ from torch import Tensor, nn
 from navlearn.errors import ConfigError, ShapeError
 from navlearn.filters.belief import Belief
 from navlearn.filters.belief import map_belief as map_belief
-from navlearn.fusion.batch_axis import first, unsqueezed
+from navlearn.fusion.batch_axis import unsqueezed
 from navlearn.fusion.checks import check_history, check_inputs
 from navlearn.fusion.fast import run_fast
 from navlearn.fusion.filter_model import filter_model
-from navlearn.fusion.history import FilterHistory
+from navlearn.fusion.history import FilterHistory, history_without_batch
 from navlearn.fusion.noise import EkfNoise, log_noise, noise_from_log
 from navlearn.fusion.options import EkfOptions
 from navlearn.fusion.recursion import Carried, end_block, predict_composed, run_loop
 from navlearn.fusion.sequential import predict_in_turn, predict_sample
 from navlearn.fusion.standstill import Rest
 from navlearn.fusion.timeline import known_acceleration, occasion_after, timeline
-from navlearn.states import FixTiming, GnssFix, RissSample, Trajectory
+from navlearn.states import FixTiming, GnssFix, RissSample
 
 Method = Literal["exact", "fast", "sequential"]
 
@@ -42,9 +42,17 @@ class LooselyCoupledEkf(nn.Module):
 
         Args:
             options: Choices; None means the defaults.
+
+        Raises:
+            ConfigError: If the options ask for sigma points.
         """
         super().__init__()
         self.options = options or EkfOptions()
+        if self.options.unscented is not None:
+            raise ConfigError(
+                "LooselyCoupledEkf: found options.unscented, which an extended filter has no use "
+                "for; take LooselyCoupledUkf, or navlearn.fusion.filters_of.riss_filter(options)"
+            )
         self.model = filter_model(self.options)
         self.log_noise = nn.Parameter(log_noise(self.options.noise), requires_grad=False)
 
@@ -94,7 +102,7 @@ class LooselyCoupledEkf(nn.Module):
                 FixTiming(*map(unsqueezed, timing)),
                 method=method,
             )
-            return _without_batch(batched)
+            return history_without_batch(batched)
         if samples.dt.dim() != 2 or samples.dt.shape[-1] == 0:
             raise ShapeError(
                 f"filter: samples have shape {tuple(samples.dt.shape)}; expected (B, T) or (T,) "
@@ -139,6 +147,7 @@ class LooselyCoupledEkf(nn.Module):
         delay: Tensor | None = None,
         rest: Rest | None = None,
         acceleration: Tensor | None = None,
+        astray: Tensor | None = None,
     ) -> Belief:
         """Update with a fix, standstill, or both at the end of an interval.
 
@@ -150,27 +159,21 @@ class LooselyCoupledEkf(nn.Module):
             rest: Standstill up to now that has not been used yet; None means none.
             acceleration: As in :meth:`step`; it carries the speed from the middle of the
                 interval to the fix. None means a steady speed.
+            astray: 1.0 where the fix has moved otherwise than the car, shape (...), as
+                :class:`navlearn.fusion.motion_watch.MotionWatch` tells; None means nowhere: a
+                belief knows no earlier fix.
 
         Returns:
             Belief after the update, errors fed back.
         """
         occasion = occasion_after(
-            self.model, sample, fix=fix, delay=delay, rest=rest, acceleration=acceleration
+            self.model,
+            sample,
+            fix=fix,
+            delay=delay,
+            rest=rest,
+            acceleration=acceleration,
+            astray=astray,
         )
         carried = Carried(belief, torch.zeros_like(belief.covariance[..., 0]))
         return end_block(self.model, carried, occasion, self.noise)[1].belief
-
-
-def _without_batch(history: FilterHistory) -> FilterHistory:
-    return history._replace(
-        end=history.end[0],
-        fix=history.fix[0],
-        prior=map_belief(history.prior, first),
-        belief=map_belief(history.belief, first),
-        trajectory=Trajectory(*map(first, history.trajectory)),
-        innovation=history.innovation[0],
-        nis=history.nis[0],
-        verdict=history.verdict[0],
-        resets=history.resets[0],
-        error=history.error[0],
-    )

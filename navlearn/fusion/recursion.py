@@ -167,6 +167,8 @@ def unstacked(occasion: T) -> list[T]:
     leaves: list[list[Tensor]] = []
 
     def split(value: Any) -> Any:
+        if value is None:
+            return None
         if isinstance(value, Tensor):
             leaves.append(list(value.unbind(1)))
             return len(leaves) - 1
@@ -175,6 +177,8 @@ def unstacked(occasion: T) -> list[T]:
     tree = split(occasion)
 
     def at(node: Any, k: int) -> Any:
+        if node is None:
+            return None
         return leaves[node][k] if isinstance(node, int) else type(node)(*(at(x, k) for x in node))
 
     return [at(tree, k) for k in range(len(leaves[0]))]
@@ -189,6 +193,8 @@ def stacked(items: list[Any]) -> Any:
     Returns:
         Tree of tensors, shape (B, K, ...) each.
     """
+    if items[0] is None:
+        return None
     if isinstance(items[0], Tensor):
         return torch.stack(items, 1)
     return type(items[0])(*(stacked(list(column)) for column in zip(*items, strict=True)))

@@ -51,6 +51,8 @@ class Evidence(NamedTuple, Generic[AnyBelief, Line, Noise]):
         noise: Noise densities and deviations.
         verdict: The filter's verdicts, which are kept, shape (B, K, kinds).
         opened: Variance that the gate's resets added at the ends of blocks, shape (B, K, n).
+        weight: How much the filter let each kind count, shape (B, K, kinds), which is kept; None
+            where its gate does not weigh.
     """
 
     start: AnyBelief
@@ -58,6 +60,7 @@ class Evidence(NamedTuple, Generic[AnyBelief, Line, Noise]):
     noise: Noise
     verdict: Tensor
     opened: Tensor
+    weight: Tensor | None = None
 
 
 class SmoothedPass(NamedTuple, Generic[AnyBelief]):
@@ -83,6 +86,7 @@ def smoothed_deviations(
     blocks: Linearised,
     verdict: Tensor,
     opened: Tensor,
+    weight: Tensor | None = None,
 ) -> Smoothed:
     """Filter and smooth deviations from linearised blocks.
 
@@ -93,11 +97,12 @@ def smoothed_deviations(
         blocks: The blocks, linearised at a guess.
         verdict: Which measurements are taken, shape (B, K, kinds).
         opened: Variance that resets add at the ends of blocks, shape (B, K, n).
+        weight: How much each kind counts, shape (B, K, kinds); None as its variance says.
 
     Returns:
         Deviations from the first guess, then from the blocks' ends, with covariances and gains.
     """
-    used = taken(model, blocks.found, verdict)
+    used = taken(model, blocks.found, verdict, weight)
     steps = LinearSteps(
         blocks.transition,
         blocks.shift,

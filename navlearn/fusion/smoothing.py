@@ -127,6 +127,7 @@ def _with_batch(history: FilterHistory) -> FilterHistory:
         prior=map_belief(history.prior, unsqueezed),
         belief=map_belief(history.belief, unsqueezed),
         innovation=history.innovation.unsqueeze(0),
+        nis=history.nis.unsqueeze(0),
         verdict=history.verdict.unsqueeze(0),
     )
 

@@ -12,6 +12,7 @@ from navlearn.fusion.history import FilterHistory
 from navlearn.fusion.measurements import Verdict
 from navlearn.fusion.noise import EkfNoise
 from navlearn.fusion.opening import opened
+from navlearn.fusion.robust import weights
 from navlearn.fusion.smoothed_blocks import Evidence, SmoothedPass, smoothed_deviations
 from navlearn.fusion.timeline import Timeline
 from navlearn.fusion.updates import measured
@@ -33,13 +34,14 @@ def evidence_of(
         noise: Noise densities and deviations.
 
     Returns:
-        Verdicts, and what resets opened.
+        Verdicts, what resets opened, and weights.
     """
     extra = torch.zeros_like(history.belief.covariance[..., 0])
     if bool((history.verdict == int(Verdict.ACCEPTED_BY_RESET)).any()):
         found = measured(model.measurement, history.prior, line.occasion, noise)
         extra = opened(model, history.verdict, found, torch.nan_to_num(history.innovation))
-    return RissEvidence(start, line, noise, history.verdict, extra)
+    weight = weights(model.gate, model.rows, history.nis, history.verdict)
+    return RissEvidence(start, line, noise, history.verdict, extra, weight)
 
 
 def smoothing_pass(
@@ -71,6 +73,7 @@ def smoothing_pass(
         Linearised(transition, shift, q, found),
         evidence.verdict,
         evidence.opened,
+        evidence.weight,
     )
     mean, covariance = smoothed.mean, smoothed.covariance
     before = fed_back(model, guess, mean[:, 0], opening)

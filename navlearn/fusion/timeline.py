@@ -9,6 +9,7 @@ from navlearn.errors import ConfigError
 from navlearn.fusion.blocks import Blocks, cut, gathered, samples_in_blocks
 from navlearn.fusion.filter_model import FilterModel
 from navlearn.fusion.ground_velocity import BlockEnd
+from navlearn.fusion.motion_check import Carriage, astray
 from navlearn.fusion.sensor_errors import odometer_acceleration
 from navlearn.fusion.standstill import Rest, rest_at_end
 from navlearn.fusion.updates import Occasion
@@ -67,8 +68,53 @@ def timeline(
         delay,
         BlockEnd(last, last_acceleration),
         rest_at_end(model.errors, laid),
+        astray_at_ends(blocks, astray_fixes(model, samples, fixes, timing)),
     )
     return Timeline(blocks, laid, laid_acceleration, occasion)
+
+
+def astray_fixes(
+    model: FilterModel, samples: RissSample, fixes: GnssFix, timing: FixTiming
+) -> Tensor:
+    """Return which fixes have moved otherwise than the car.
+
+    Args:
+        model: The filter.
+        samples: Samples, shape (B, T) each.
+        fixes: Fixes, shape (B, M) each.
+        timing: Where they fall, shape (B, M) each.
+
+    Returns:
+        1.0 where one has, shape (B, M).
+    """
+    right, forward, _ = model.options.lever_arm
+    return astray(model.gate, (right, forward), carriage(model, samples), fixes, timing)
+
+
+def carriage(model: FilterModel, samples: RissSample) -> Carriage:
+    """Return how samples carry a car, as a filter's mechanization has it.
+
+    Args:
+        model: The filter.
+        samples: Samples, shape (...) each.
+    """
+    speed = samples.speed
+    if model.errors.three_d:
+        speed = speed * torch.cos(samples.pitch)
+    return Carriage(samples.dt, -samples.yaw_rate, speed, torch.ones_like(speed))
+
+
+def astray_at_ends(blocks: Blocks, found: Tensor) -> Tensor:
+    """Return whether the fix at the end of each block is astray.
+
+    Args:
+        blocks: Blocks.
+        found: Whether each fix is, shape (B, M); M at least 1.
+
+    Returns:
+        1.0 where it is, shape (B, K).
+    """
+    return gathered(found, blocks.fix.clamp(min=0)) * (blocks.fix >= 0)
 
 
 def trajectory_of_blocks(line: Timeline, inside: Trajectory, after: NavState) -> Trajectory:
@@ -157,6 +203,7 @@ def occasion_after(
     delay: Tensor | None = None,
     rest: Rest | None = None,
     acceleration: Tensor | None = None,
+    astray: Tensor | None = None,
 ) -> Occasion:
     """Return what there is to measure after one interval, as a car meets it while driving.
 
@@ -168,6 +215,7 @@ def occasion_after(
         rest: Standstill up to now that has not been used yet; None means none.
         acceleration: Forward acceleration by the odometer, m/s², shape (...); None means a steady
             speed.
+        astray: 1.0 where the fix has moved otherwise than the car, shape (...); None for nowhere.
 
     Returns:
         Occasion.
@@ -180,7 +228,7 @@ def occasion_after(
         regressors = zero.unsqueeze(-1).expand(*zero.shape, len(model.errors.gyro_terms))
         rest = Rest(zero, zero, regressors, zero)
     end = BlockEnd(sample, known_acceleration(model, sample, acceleration))
-    return Occasion(fix, zero if delay is None else delay, end, rest)
+    return Occasion(fix, zero if delay is None else delay, end, rest, astray)
 
 
 def known_acceleration(

@@ -33,12 +33,15 @@ class Occasion(NamedTuple):
         delay: End of the block minus the fix's time, s.
         end: Last sample of the block.
         rest: Standstill at the block's end.
+        astray: 1.0 where the fix has moved otherwise than the car
+            (:mod:`navlearn.fusion.motion_check`); None for nowhere.
     """
 
     fix: GnssFix
     delay: Tensor
     end: BlockEnd
     rest: Rest
+    astray: Tensor | None = None
 
 
 class Measured(NamedTuple):
@@ -51,6 +54,8 @@ class Measured(NamedTuple):
         present: 1.0 where a kind is measured, shape (..., 5).
         extra: What a measurement that is not linear adds to R, a covariance over all rows, shape
             (..., r, r); None where H tells all.
+        astray: 1.0 where the position has moved otherwise than the car, shape (...); None for
+            nowhere.
     """
 
     innovation: Tensor
@@ -58,6 +63,7 @@ class Measured(NamedTuple):
     variance: Tensor
     present: Tensor
     extra: Tensor | None = None
+    astray: Tensor | None = None
 
 
 class MeasurementModel(NamedTuple):
@@ -128,6 +134,7 @@ def measured(
         torch.cat(observations, -2),
         torch.cat(variances, -1),
         torch.stack(present, -1),
+        astray=occasion.astray,
     )
 
 

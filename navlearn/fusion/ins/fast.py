@@ -17,6 +17,7 @@ from navlearn.filters.ins_belief import InsBelief, map_ins_belief
 from navlearn.fusion.batch_axis import wants_gradient
 from navlearn.fusion.convergence import solved
 from navlearn.fusion.gated_pass import Behind, Linearised, filtered_behind_gate
+from navlearn.fusion.gating import Judged
 from navlearn.fusion.ins.composed import has_closed_form
 from navlearn.fusion.ins.fast_blocks import RenewedSums, Sums
 from navlearn.fusion.ins.first_guess import first_ins_guess
@@ -100,7 +101,7 @@ class _Passes:
         """What the samples of all blocks say, as the last pass took it."""
         return self.blocks.sums
 
-    def run(self, guess: InsBelief, verdict: Tensor | None, rounds: int) -> tuple[InsEnded, Behind]:
+    def run(self, guess: InsBelief, said: Judged | None, rounds: int) -> tuple[InsEnded, Behind]:
         """Run one pass."""
         model, start, occasion = self.model, self.start, self.line.occasion
         ahead = self.blocks.ahead(guess)
@@ -110,7 +111,7 @@ class _Passes:
             start.covariance,
             start.refused,
             Linearised(ahead.transition, ahead.shift, ahead.noise, found),
-            verdict,
+            said,
             rounds,
             lambda v, innovation: ins_opened(model, v, found._replace(innovation=innovation)),
         )

@@ -134,6 +134,7 @@ class InsEkf(nn.Module):
         delay: Tensor | None = None,
         rest: InsRest | None = None,
         aided: Tensor | None = None,
+        astray: Tensor | None = None,
     ) -> InsBelief:
         """Update with a fix, odometer and axle, standstill, or all at the end of an interval.
 
@@ -144,11 +145,16 @@ class InsEkf(nn.Module):
             delay: End of the interval minus the fix's time, s, shape (...); None means zero.
             rest: Standstill up to now that has not been used yet; None means none.
             aided: 1.0 where odometer and axle shall be used, shape (...); None means nowhere.
+            astray: 1.0 where the fix has moved otherwise than the car, shape (...), as
+                :class:`navlearn.fusion.motion_watch.MotionWatch` tells; None means nowhere: a
+                belief knows no earlier fix.
 
         Returns:
             Belief after the update, errors fed back.
         """
-        occasion = ins_occasion_after(sample, fix=fix, delay=delay, rest=rest, aided=aided)
+        occasion = ins_occasion_after(
+            sample, fix=fix, delay=delay, rest=rest, aided=aided, astray=astray
+        )
         carried = InsCarried(belief, torch.zeros_like(belief.covariance[..., 0]))
         return end_ins_block(self.model, carried, occasion, self.noise)[1].belief
 

@@ -114,6 +114,7 @@ def _with_batch(history: InsHistory) -> InsHistory:
         prior=map_ins_belief(history.prior, unsqueezed),
         belief=map_ins_belief(history.belief, unsqueezed),
         innovation=history.innovation.unsqueeze(0),
+        nis=history.nis.unsqueeze(0),
         verdict=history.verdict.unsqueeze(0),
     )
 

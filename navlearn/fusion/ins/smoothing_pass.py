@@ -19,6 +19,7 @@ from navlearn.fusion.ins.recursion import ins_opened
 from navlearn.fusion.ins.timeline import InsTimeline
 from navlearn.fusion.ins.updates import ins_measured
 from navlearn.fusion.measurements import Verdict
+from navlearn.fusion.robust import weights
 from navlearn.fusion.smoothed_blocks import Evidence, SmoothedPass, smoothed_deviations
 from navlearn.states import ImuSample
 
@@ -42,14 +43,15 @@ def ins_evidence_of(
         noise: Noise densities and deviations.
 
     Returns:
-        Verdicts, and what resets opened.
+        Verdicts, what resets opened, and weights.
     """
     extra = torch.zeros_like(history.belief.covariance[..., 0])
     if bool((history.verdict == int(Verdict.ACCEPTED_BY_RESET)).any()):
         found = ins_measured(model, history.prior, line.occasion, noise)
         found = found._replace(innovation=torch.nan_to_num(history.innovation))
         extra = ins_opened(model, history.verdict, found)
-    return InsEvidence(start, line, noise, history.verdict, extra)
+    weight = weights(model.gate, model.rows, history.nis, history.verdict)
+    return InsEvidence(start, line, noise, history.verdict, extra, weight)
 
 
 def ins_smoothing_pass(
@@ -76,6 +78,7 @@ def ins_smoothing_pass(
         Linearised(transition, shift_of_ins_blocks(begin, end, transition), q, found),
         evidence.verdict,
         evidence.opened,
+        evidence.weight,
     )
     mean, covariance = smoothed.mean, smoothed.covariance
     return SmoothedPass(

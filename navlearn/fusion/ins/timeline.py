@@ -8,8 +8,9 @@ from torch import Tensor
 
 from navlearn.fusion.blocks import Blocks, cut, gathered, samples_in_blocks
 from navlearn.fusion.ins.model import InsFilterModel
+from navlearn.fusion.motion_check import Carriage, astray
 from navlearn.fusion.standstill import stationary_tail
-from navlearn.fusion.timeline import at_ends, at_least_one_fix, fixes_at_ends
+from navlearn.fusion.timeline import astray_at_ends, at_ends, at_least_one_fix, fixes_at_ends
 from navlearn.mechanization.coning import coning_sculling, coning_sculling_step
 from navlearn.states import FixTiming, GnssFix, ImuSample, InsState
 
@@ -37,6 +38,8 @@ class InsOccasion(NamedTuple):
         last: Last sample of the block.
         rest: Standstill at the block's end.
         aided: 1.0 where odometer and axle may be used, 0.0 where they were used just before.
+        astray: 1.0 where the fix has moved otherwise than the car
+            (:mod:`navlearn.fusion.motion_check`); None for nowhere.
     """
 
     fix: GnssFix
@@ -44,6 +47,7 @@ class InsOccasion(NamedTuple):
     last: ImuSample
     rest: InsRest
     aided: Tensor
+    astray: Tensor | None = None
 
 
 class InsTimeline(NamedTuple):
@@ -81,7 +85,42 @@ def ins_timeline(
     fix, delay = fixes_at_ends(blocks, fixes, timing)
     last = ImuSample(*(gathered(channel, blocks.end) for channel in samples))
     aided = _spaced(laid.dt.sum(-1), model.options.aiding_interval)
-    return InsTimeline(blocks, laid, InsOccasion(fix, delay, last, ins_rest_at_end(laid), aided))
+    wild = astray_at_ends(blocks, astray_ins_fixes(model, samples, fixes, timing))
+    rest = ins_rest_at_end(laid)
+    return InsTimeline(blocks, laid, InsOccasion(fix, delay, last, rest, aided, wild))
+
+
+def astray_ins_fixes(
+    model: InsFilterModel, samples: ImuSample, fixes: GnssFix, timing: FixTiming
+) -> Tensor:
+    """Return which fixes have moved otherwise than the car.
+
+    Args:
+        model: The filter.
+        samples: Samples, shape (B, T) each, vectors (B, T, 3).
+        fixes: Fixes, shape (B, M) each.
+        timing: Where they fall, shape (B, M) each.
+
+    Returns:
+        1.0 where one has, shape (B, M).
+    """
+    return astray(model.gate, arm_from_axle(model), ins_carriage(samples), fixes, timing)
+
+
+def arm_from_axle(model: InsFilterModel) -> tuple[float, float]:
+    """Return the antenna from the rear axle, whose speed the odometer tells, right, forward, m."""
+    antenna, axle = model.options.lever_arm, model.options.wheel_lever_arm
+    return antenna[0] - axle[0], antenna[1] - axle[1]
+
+
+def ins_carriage(samples: ImuSample) -> Carriage:
+    """Return how samples carry a car on a level road.
+
+    Args:
+        samples: Samples, shape (...) each, vectors (..., 3).
+    """
+    speed, told = samples.speed, samples.has_speed
+    return Carriage(samples.dt, -samples.omega_ib_b[..., 2], speed * told, told)
 
 
 def coning_compensated(samples: ImuSample) -> ImuSample:
@@ -167,6 +206,7 @@ def ins_occasion_after(
     delay: Tensor | None = None,
     rest: InsRest | None = None,
     aided: Tensor | None = None,
+    astray: Tensor | None = None,
 ) -> InsOccasion:
     """Return what there is to measure after one interval, as a car meets it while driving.
 
@@ -176,6 +216,7 @@ def ins_occasion_after(
         delay: End of the interval minus the fix's time, s, shape (...); None means zero.
         rest: Standstill up to now that has not been used yet; None means none.
         aided: 1.0 where odometer and axle shall be used, shape (...); None means nowhere.
+        astray: 1.0 where the fix has moved otherwise than the car, shape (...); None for nowhere.
 
     Returns:
         Occasion.
@@ -183,6 +224,5 @@ def ins_occasion_after(
     zero = torch.zeros_like(sample.dt)
     if rest is None:
         rest = InsRest(zero, torch.zeros_like(sample.omega_ib_b), zero)
-    return InsOccasion(
-        fix, zero if delay is None else delay, sample, rest, zero if aided is None else aided
-    )
+    late, listening = zero if delay is None else delay, zero if aided is None else aided
+    return InsOccasion(fix, late, sample, rest, listening, astray)

@@ -83,6 +83,7 @@ def ins_measured(
         torch.cat(observations, -2),
         torch.cat(variances, -1),
         torch.stack(present, -1),
+        astray=occasion.astray,
     )
 
 
