@@ -12,16 +12,20 @@ from typing import Any, Final, Literal
 from navlearn.errors import ConfigError, FitError
 from navlearn.fusion.options import EkfOptions
 from navlearn.learning.ghouneem2024 import PrintedDiagonals, printed_diagonals, printed_options
-from navlearn.learning.increment_noise import FoundNoise, increment_noise
+from navlearn.learning.increment_noise import FoundNoise, increment_noise, over_drives
 from navlearn.learning.integrated_errors import integrated_errors, mean_squares
 from navlearn.learning.receiver_noise import receiver_noise
-from navlearn.learning.reference_increments import pooled, reference_increments
+from navlearn.learning.reference_increments import reference_increments
 from navlearn.learning.referenced_drive import ReferencedDrive
 
+FixErrors = Literal["lasting", "white"]
 Rule = Literal["increments", "ghouneem2024", "ghouneem2024_absolute"]
 
 RULES: Final[tuple[Rule, ...]] = ("increments", "ghouneem2024", "ghouneem2024_absolute")
 """The rules by name."""
+
+BELIEVED: Final = 4
+"""For how many drives the deviation of a sensor parameter that was believed before counts."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,6 +49,7 @@ def tuned_by_differences(
     rule: Rule = "increments",
     *,
     span: float = 1.0,
+    fix_errors: FixErrors = "lasting",
 ) -> TunedValues:
     """Return the options of a filter as differences from a reference tell them.
 
@@ -54,6 +59,10 @@ def tuned_by_differences(
         rule: ``increments``; ``ghouneem2024`` as printed, which is refused where an average is
             negative; ``ghouneem2024_absolute``, the same with the signs dropped.
         span: Length of the increments, s.
+        fix_errors: How R of ``increments`` takes the errors of fixes: ``lasting``, with the
+            variance of white noise that would say as little as errors that last from fix to fix
+            do; or ``white``, as if each fix erred anew, which makes a filter far too sure of its
+            position.
 
     Raises:
         ConfigError: The rule is unknown.
@@ -65,24 +74,31 @@ def tuned_by_differences(
     if not drives:
         raise FitError("tuning: no drive was given; give one or more with a reference")
     if rule == "increments":
-        return _by_increments(drives, options, span)
+        return _by_increments(drives, options, span, fix_errors)
     return _as_printed(drives, options, absolute=rule == "ghouneem2024_absolute")
 
 
 def _by_increments(
-    drives: Sequence[ReferencedDrive], options: EkfOptions, span: float
+    drives: Sequence[ReferencedDrive], options: EkfOptions, span: float, fix_errors: FixErrors
 ) -> TunedValues:
-    increments = pooled([reference_increments(drive, options, span) for drive in drives])
-    found = increment_noise(increments, options)
+    increments = [reference_increments(drive, options, span) for drive in drives]
+    stretches = [len(one.way) for one in increments]
+    found = [increment_noise(one, options) for one in increments]
     squares = mean_squares([integrated_errors(drive, options) for drive in drives])
-    noise = {**found.noise, **receiver_noise(list(drives))}
-    initial = _initial(squares, found, options)
+    receiver = receiver_noise(list(drives), lasting=fix_errors == "lasting")
     return TunedValues(
-        filter={"noise": noise, "initial": initial},
+        filter={
+            "noise": {**over_drives(found, stretches), **receiver.noise},
+            "initial": {
+                **_initial_navigation(squares, options),
+                **_initial_sensors(found, options),
+            },
+        },
         figures={
-            "stretches": len(increments.way),
-            "stretch_s": increments.span,
+            "stretches": sum(stretches),
+            "stretch_s": increments[0].span,
             "integrated_rms": {name: value**0.5 for name, value in squares.items()},
+            "fixes_per_independent_fix": receiver.lasting,
         },
         notes=(
             "Q: mean squares of increments of dead reckoning minus reference; P0: mean squares of "
@@ -92,30 +108,38 @@ def _by_increments(
     )
 
 
-def _initial(squares: dict[str, float], found: FoundNoise, options: EkfOptions) -> dict[str, Any]:
-    """Return standard deviations at the start."""
-
-    def root(*names: str) -> float | None:
-        known = [squares[name] for name in names if name in squares]
-        return (sum(known) / len(known)) ** 0.5 if known else None
-
-    told: dict[str, Any] = {
-        "position": root("east", "north"),
-        "height": root("up"),
-        "azimuth": root("azimuth"),
-        "pitch_bias": found.parameters.get("pitch_bias"),
-    }
+def _initial_navigation(squares: dict[str, float], options: EkfOptions) -> dict[str, float]:
+    """Return standard deviations at the start: those of the settled filter."""
+    named = {"position": ("east", "north"), "height": ("up",), "azimuth": ("azimuth",)}
     if options.has_velocity_states:
-        told["velocity"] = root("v_e", "v_n", "v_u")
-    for group in ("gyro", "speed"):
-        prefix = f"{group}_"
-        terms = {
-            name.removeprefix(prefix): value
-            for name, value in found.parameters.items()
-            if name.startswith(prefix) and value > 0.0
-        }
-        told[group] = terms or None
-    return {name: value for name, value in told.items() if value is not None}
+        named["velocity"] = ("v_e", "v_n", "v_u")
+    told: dict[str, float] = {}
+    for name, states in named.items():
+        known = [squares[state] for state in states if state in squares]
+        if known:
+            told[name] = (sum(known) / len(known)) ** 0.5
+    return told
+
+
+def _initial_sensors(found: list[FoundNoise], options: EkfOptions) -> dict[str, Any]:
+    """Return standard deviations of sensor parameters, which every drive tells but once.
+
+    What was believed before counts as some drives, too: from one drive whose scale happens to be
+    right nobody should conclude that scales are.
+    """
+    told: dict[str, Any] = {}
+    for name in dict.fromkeys(name for one in found for name in one.parameters):
+        values = [one.parameters[name] for one in found if name in one.parameters]
+        group, _, term = name.partition("_")
+        grouped = group in ("gyro", "speed")
+        before = getattr(options.initial, group)[term] if grouped else options.initial.pitch_bias
+        total = BELIEVED * before**2 + sum(value**2 for value in values)
+        sigma = (total / (BELIEVED + len(values))) ** 0.5
+        if grouped:
+            told.setdefault(group, {})[term] = sigma
+        else:
+            told[name] = sigma
+    return told
 
 
 def _as_printed(

@@ -36,8 +36,8 @@ class FoundNoise(NamedTuple):
 
     Attributes:
         noise: Entries of :class:`navlearn.fusion.noise_options.NoiseOptions` by name.
-        parameters: Root mean square of sensor parameters that start at zero, by the names of
-            :class:`navlearn.fusion.error_state.ErrorLayout`.
+        parameters: Sensor parameters that a filter starts with at zero, by the names of
+            :class:`navlearn.fusion.error_state.ErrorLayout`; in size.
     """
 
     noise: dict[str, float]
@@ -48,7 +48,7 @@ def increment_noise(increments: Increments, options: EkfOptions) -> FoundNoise:
     """Return noise densities that increments of dead reckoning's error show.
 
     Args:
-        increments: Of one drive or several.
+        increments: Of one drive.
         options: The filter. What it has no state for is part of the noise.
     """
     parts = [_of_azimuth(increments, options), _of_position(increments, options)]
@@ -59,6 +59,27 @@ def increment_noise(increments: Increments, options: EkfOptions) -> FoundNoise:
         {name: value for part in parts for name, value in part.noise.items()},
         {name: value for part in parts for name, value in part.parameters.items()},
     )
+
+
+def over_drives(found: list[FoundNoise], stretches: list[int]) -> dict[str, float]:
+    """Return noise densities of several drives as those of one.
+
+    Args:
+        found: What each drive told.
+        stretches: How many stretches it told it with.
+
+    Returns:
+        Root mean squares by name, weighted by stretches, over the drives that tell them.
+    """
+    named: dict[str, float] = {}
+    for name in dict.fromkeys(name for one in found for name in one.noise):
+        told = [
+            (one.noise[name], n)
+            for one, n in zip(found, stretches, strict=True)
+            if name in one.noise
+        ]
+        named[name] = math.sqrt(sum(n * value**2 for value, n in told) / sum(n for _, n in told))
+    return named
 
 
 def _of_azimuth(found: Increments, options: EkfOptions) -> FoundNoise:

@@ -1,4 +1,12 @@
-"""How far a receiver's own deviations are to be believed, by its errors against a reference."""
+"""How far a receiver's own deviations are to be believed, by its errors against a reference.
+
+Most of a fix's error is that of the fix before: ionosphere and reflections change in minutes. A
+filter takes errors as white; what many such fixes say together is then told by the white noise of
+the same density, which is larger by the sum of the correlations over all lags
+([BarShalom2001] §8, coloured measurement noise).
+"""
+
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -19,42 +27,97 @@ STEADY = 0.02
 """A velocity is judged up to this yaw rate, beyond which the antenna has one of its own, rad/s."""
 
 
-def receiver_noise(drives: list[ReferencedDrive]) -> dict[str, float]:
+class ReceiverNoise(NamedTuple):
+    """What errors of fixes tell of a filter's options.
+
+    Attributes:
+        noise: Entries of :class:`navlearn.fusion.noise_options.NoiseOptions` by name; fewer where
+            fixes or reference tell no velocity or height.
+        lasting: By how much the variance of ``position``, ``height`` and ``velocity`` was raised
+            for errors that last; 1 for white ones.
+    """
+
+    noise: dict[str, float]
+    lasting: dict[str, int | float]
+
+
+class _Errors(NamedTuple):
+    """Errors and deviations of one kind, one series per drive and axis."""
+
+    series: list[tuple[Tensor, Tensor]]
+
+    def known(self) -> tuple[Tensor, Tensor]:
+        error, told = (torch.cat([one[k] for one in self.series]) for k in (0, 1))
+        there = error.isfinite() & told.isfinite()
+        return error[there], told[there]
+
+
+def receiver_noise(drives: list[ReferencedDrive], *, lasting: bool = True) -> ReceiverNoise:
     """Return inflations and floors with which deviations fit the errors of fixes.
 
-    Errors are taken as white: variance = (inflation · deviation)² + floor². Where a receiver always
-    tells about the same deviation only their sum is known, and the floor is left as it is.
+    Variance = (inflation · deviation)² + floor². Where a receiver always tells about the same
+    deviation only their sum is known, and the floor is left as it is.
 
     Args:
         drives: Drives with a reference.
-
-    Returns:
-        Entries of :class:`navlearn.fusion.noise_options.NoiseOptions` by name; fewer where fixes
-        or reference tell no velocity or height.
+        lasting: Whether errors that last count for as little as they say.
     """
-    level, told_level = _pooled([_position_errors(drive) for drive in drives])
-    up, told_up = _pooled([_height_errors(drive) for drive in drives])
-    speed, told_speed = _pooled([_velocity_errors(drive) for drive in drives])
-    found: dict[str, float] = {}
-    for name, error, told in (("position", level, told_level), ("velocity", speed, told_speed)):
-        fit = _inflation_and_floor(error, told)
-        if fit is not None:
-            found[f"{name}_inflation"] = fit[0]
-            if fit[1] is not None:
-                found[f"{name}_floor"] = fit[1]
-    inflation = found.get("position_inflation")
-    if inflation is not None and len(up) >= FEWEST:
-        # one factor serves position and height; the floor takes what it leaves of the height
-        kept = up.abs() <= FAR * up.square().median().sqrt() / 0.6745
-        rest = up[kept].square().mean() - inflation**2 * told_up[kept].square().mean()
-        found["height_floor"] = max(float(rest), 0.0) ** 0.5
-    return found
+    level = _Errors([one for drive in drives for one in _position_errors(drive)])
+    speed = _Errors([one for drive in drives for one in _velocity_errors(drive)])
+    up = _Errors([_height_errors(drive) for drive in drives])
+    kinds = {"position": level, "velocity": speed, "height": up}
+    kinds = {name: kind for name, kind in kinds.items() if len(kind.known()[0]) >= FEWEST}
+    factors = {
+        name: integrated_correlation(kind) if lasting else 1.0 for name, kind in kinds.items()
+    }
+    noise: dict[str, float] = {}
+    for name in ("position", "velocity"):
+        if name in kinds:
+            factor, floor = _inflation_and_floor(*kinds[name].known())
+            noise[f"{name}_inflation"] = factor * factors[name] ** 0.5
+            if floor is not None:
+                noise[f"{name}_floor"] = floor * factors[name] ** 0.5
+    if "height" in kinds and "position" in kinds:
+        # one inflation serves position and height; the floor takes what it leaves of the height
+        error, told = up.known()
+        kept = error.abs() <= FAR * _robust(error)
+        told_square = noise["position_inflation"] ** 2 * told[kept].square().mean()
+        rest = factors["height"] * error[kept].square().mean() - told_square
+        noise["height_floor"] = max(float(rest), 0.0) ** 0.5
+    return ReceiverNoise(noise, dict(factors))
 
 
-def _inflation_and_floor(error: Tensor, told: Tensor) -> tuple[float, float | None] | None:
+def integrated_correlation(errors: _Errors) -> float:
+    """Return the sum of correlations over all lags, 1 + 2 Σ ρ, up to where they end.
+
+    Args:
+        errors: Series at even intervals; outliers are cut to :data:`FAR` deviations.
+    """
+    limit = FAR * _robust(errors.known()[0])
+    cut = [one.clamp(-limit, limit) for one, _ in errors.series]
+    there = [one.isfinite() for one in cut]
+    filled = [one.nan_to_num() for one in cut]
+    longest = max(len(one) for one in filled) // 4
+    power = sum(float((one * one).sum()) for one in filled) / sum(int(one.sum()) for one in there)
+    total = 1.0
+    for lag in range(1, longest):
+        products = sum(float((one[lag:] * one[:-lag]).sum()) for one in filled)
+        count = sum(int((one[lag:] & one[:-lag]).sum()) for one in there)
+        if count < FEWEST:
+            break
+        correlation = products / count / power
+        if correlation <= count**-0.5:
+            break
+        total += 2.0 * correlation
+    return total
+
+
+def _robust(error: Tensor) -> Tensor:
+    return error.abs().median() / 0.6745
+
+
+def _inflation_and_floor(error: Tensor, told: Tensor) -> tuple[float, float | None]:
     """Return factor and floor of deviations; None for a floor that cannot be told."""
-    if len(error) < FEWEST:
-        return None
     kept = torch.ones_like(error, dtype=torch.bool)
     factor, floor = torch.ones_like(error[0]), torch.zeros_like(error[0])
     low, high = torch.quantile(told, torch.tensor([0.1, 0.9], dtype=told.dtype))
@@ -73,8 +136,7 @@ def _inflation_and_floor(error: Tensor, told: Tensor) -> tuple[float, float | No
         factor, floor = factor2.clamp(min=1e-12).sqrt(), floor2.sqrt()
         spread = (factor**2 * told**2 + floor**2).sqrt()
         # a robust measure of how far errors reach, so that spikes do not make room for spikes
-        robust = (error / spread).abs().median() / 0.6745
-        kept = (error / spread).abs() <= FAR * robust
+        kept = (error / spread).abs() <= FAR * _robust(error / spread)
     return float(factor), float(floor) if varied else None
 
 
@@ -92,14 +154,8 @@ def _two_not_negative(square: Tensor, variance: Tensor, weight: Tensor) -> tuple
     return a, b
 
 
-def _pooled(parts: list[tuple[Tensor, Tensor]]) -> tuple[Tensor, Tensor]:
-    error, told = (torch.cat([part[k] for part in parts]) for k in (0, 1))
-    known = error.isfinite() & told.isfinite()
-    return error[known], told[known]
-
-
-def _position_errors(drive: ReferencedDrive) -> tuple[Tensor, Tensor]:
-    """Return errors of fixes east and north and the deviations told, m, shape (2 M,) each."""
+def _position_errors(drive: ReferencedDrive) -> list[tuple[Tensor, Tensor]]:
+    """Return errors of fixes and the deviations told, m, east and north, shape (M,) each."""
     fixes, at = drive.fixes, drive.at_fixes
     north = (fixes.lat - at.lat) * earth.meridian_radius(at.lat)
     east = (fixes.lon - at.lon) * earth.prime_vertical_radius(at.lat) * torch.cos(at.lat)
@@ -109,9 +165,10 @@ def _position_errors(drive: ReferencedDrive) -> tuple[Tensor, Tensor]:
         east = east - (right * cosine + forward * sine)
         north = north - (forward * cosine - right * sine)
     there = fixes.has_position > 0.5
-    none = torch.full_like(east, torch.nan)
-    errors = torch.where(there, east, none), torch.where(there, north, none)
-    return torch.cat(errors), torch.cat((fixes.std_e, fixes.std_n))
+    return [
+        (torch.where(there, east, torch.nan), fixes.std_e),
+        (torch.where(there, north, torch.nan), fixes.std_n),
+    ]
 
 
 def _height_errors(drive: ReferencedDrive) -> tuple[Tensor, Tensor]:
@@ -122,13 +179,11 @@ def _height_errors(drive: ReferencedDrive) -> tuple[Tensor, Tensor]:
     return torch.where(there, error, torch.nan), fixes.std_u
 
 
-def _velocity_errors(drive: ReferencedDrive) -> tuple[Tensor, Tensor]:
+def _velocity_errors(drive: ReferencedDrive) -> list[tuple[Tensor, Tensor]]:
     fixes, at = drive.fixes, drive.at_fixes
     rate = drive.samples.yaw_rate[drive.timing.index.clamp(min=0)]
     there = (fixes.has_velocity > 0.5) & (rate.abs() < STEADY)
-    none = torch.full_like(fixes.v_e, torch.nan)
-    errors = (
-        torch.where(there, fixes.v_e - at.v_e, none),
-        torch.where(there, fixes.v_n - at.v_n, none),
-    )
-    return torch.cat(errors), torch.cat((fixes.std_v, fixes.std_v))
+    return [
+        (torch.where(there, error, torch.nan), fixes.std_v)
+        for error in (fixes.v_e - at.v_e, fixes.v_n - at.v_n)
+    ]

@@ -114,24 +114,6 @@ def reference_increments(
     )
 
 
-def pooled(parts: list[Increments]) -> Increments:
-    """Return the stretches of several drives as those of one; drives are no neighbours.
-
-    Args:
-        parts: Of one span and one filter.
-    """
-    places, first = [], 0
-    for part in parts:
-        places.append(part.place + first)
-        first = int(places[-1].max()) + 2
-    joined = {
-        name: torch.cat([getattr(part, name) for part in parts])
-        for name in Increments._fields
-        if name not in ("place", "span")
-    }
-    return Increments(place=torch.cat(places), span=parts[0].span, **joined)
-
-
 def _velocity_error(
     v_e: Tensor, v_n: Tensor, true_e: Tensor, true_n: Tensor, azimuth: Tensor
 ) -> tuple[Tensor, Tensor]:
