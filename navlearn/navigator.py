@@ -13,10 +13,10 @@ from torch import Tensor
 
 from navlearn import wgs84
 from navlearn.errors import ConfigError
-from navlearn.filters.belief import Belief
+from navlearn.filters.belief import Belief, map_belief
 from navlearn.frames import shift_geodetic
+from navlearn.fusion.filters_of import riss_filter
 from navlearn.fusion.history import FilterHistory
-from navlearn.fusion.loosely_coupled import LooselyCoupledEkf, map_belief
 from navlearn.fusion.options import EkfOptions
 from navlearn.fusion.sensor_errors import (
     corrected_motion,
@@ -69,7 +69,7 @@ class Navigator:
 
     def __init__(self, options: NavigatorOptions | None = None) -> None:
         self.options = options or NavigatorOptions()
-        self.ekf = LooselyCoupledEkf(self.options.filter)
+        self.ekf = riss_filter(self.options.filter)
 
     def run(self, samples: RissSample, fixes: GnssFix, timing: FixTiming) -> NavigatorRun:
         """Align, then filter to the end of the samples.

@@ -14,19 +14,18 @@ from navlearn.filters.belief import Belief, map_belief
 from navlearn.fusion.batch_axis import unsqueezed
 from navlearn.fusion.blocks import Blocks
 from navlearn.fusion.checks import check_history
-from navlearn.fusion.fast import run_fast
 from navlearn.fusion.history import FilterHistory
 from navlearn.fusion.loosely_coupled import LooselyCoupledEkf
 from navlearn.fusion.measurements import Verdict
-from navlearn.fusion.recursion import predict_composed, run_loop
 from navlearn.fusion.timeline import Timeline, timeline
+from navlearn.fusion.unscented.loosely_coupled import LooselyCoupledUkf
 from navlearn.states import FixTiming, GnssFix, NavState, RissSample, Trajectory
 
 N = TypeVar("N")
 
 
 def continued(
-    ekf: LooselyCoupledEkf,
+    ekf: LooselyCoupledEkf | LooselyCoupledUkf,
     earlier: FilterHistory,
     block: int,
     samples: RissSample,
@@ -60,9 +59,7 @@ def continued(
     line = _after(whole, done, gone)
     start = map_belief(earlier.belief, lambda channel: channel[block : block + 1])
     with torch.no_grad():
-        later = run_fast(ekf.model, start, line, ekf.noise)
-        if later is None:
-            later = run_loop(ekf.model, start, line, ekf.noise, predict_composed, "exact")
+        later = ekf.over(start, line, "fast")
     joined = _joined(earlier, later, done, gone)
     check_history(ekf.model, _each(joined, unsqueezed), _each(samples, unsqueezed))
     return joined

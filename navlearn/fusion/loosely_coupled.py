@@ -5,28 +5,23 @@ sample and is the oracle; ``exact`` loops over the blocks between updates and co
 of each at once; ``fast`` solves for all blocks at once and iterates.
 """
 
-from typing import Literal
-
 import torch
 from torch import Tensor, nn
 
-from navlearn.errors import ConfigError, ShapeError
+from navlearn.errors import ConfigError
 from navlearn.filters.belief import Belief
 from navlearn.filters.belief import map_belief as map_belief
-from navlearn.fusion.batch_axis import unsqueezed
-from navlearn.fusion.checks import check_history, check_inputs
+from navlearn.fusion.drives import Method, filtered_drives
 from navlearn.fusion.fast import run_fast
 from navlearn.fusion.filter_model import filter_model
-from navlearn.fusion.history import FilterHistory, history_without_batch
+from navlearn.fusion.history import FilterHistory
 from navlearn.fusion.noise import EkfNoise, log_noise, noise_from_log
 from navlearn.fusion.options import EkfOptions
 from navlearn.fusion.recursion import Carried, end_block, predict_composed, run_loop
 from navlearn.fusion.sequential import predict_in_turn, predict_sample
 from navlearn.fusion.standstill import Rest
-from navlearn.fusion.timeline import known_acceleration, occasion_after, timeline
+from navlearn.fusion.timeline import Timeline, known_acceleration, occasion_after
 from navlearn.states import FixTiming, GnssFix, RissSample
-
-Method = Literal["exact", "fast", "sequential"]
 
 
 class LooselyCoupledEkf(nn.Module):
@@ -92,34 +87,26 @@ class LooselyCoupledEkf(nn.Module):
                 :mod:`navlearn.fusion.bounds`), or fixes are out of order or range.
             FilterDivergedError: If a state or variance is lost on the way.
         """
-        if method not in ("exact", "fast", "sequential"):
-            raise ConfigError(f"filter: found method {method!r}; choose exact, fast or sequential")
-        if samples.dt.dim() == 1:
-            batched = self.forward(
-                map_belief(start, unsqueezed),
-                RissSample(*map(unsqueezed, samples)),
-                GnssFix(*map(unsqueezed, fixes)),
-                FixTiming(*map(unsqueezed, timing)),
-                method=method,
-            )
-            return history_without_batch(batched)
-        if samples.dt.dim() != 2 or samples.dt.shape[-1] == 0:
-            raise ShapeError(
-                f"filter: samples have shape {tuple(samples.dt.shape)}; expected (B, T) or (T,) "
-                "with at least one sample"
-            )
-        check_inputs(self.model, start, samples, fixes, timing)
-        line = timeline(self.model, samples, fixes, timing)
-        history: FilterHistory | None = None
+        return filtered_drives(self.model, self.over, start, samples, fixes, timing, method)
+
+    def over(self, start: Belief, line: Timeline, method: Method) -> FilterHistory:
+        """Run the filter over drives in blocks that have been looked at.
+
+        Args:
+            start: Belief before the first block, batch shape (B,).
+            line: The drives in blocks.
+            method: Form of the filter, as in :meth:`forward`.
+
+        Returns:
+            History.
+        """
         if method == "fast" and self.model.closed:
             history = run_fast(self.model, start, line, self.noise)
-        if history is None:
-            in_turn = method == "sequential"
-            predict = predict_in_turn if in_turn else predict_composed
-            name = "sequential" if in_turn else "exact"
-            history = run_loop(self.model, start, line, self.noise, predict, name)
-        check_history(self.model, history, samples)
-        return history
+            if history is not None:
+                return history
+        if method == "sequential":
+            return run_loop(self.model, start, line, self.noise, predict_in_turn, "sequential")
+        return run_loop(self.model, start, line, self.noise, predict_composed, "exact")
 
     def step(
         self, belief: Belief, sample: RissSample, acceleration: Tensor | None = None

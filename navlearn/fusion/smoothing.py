@@ -14,7 +14,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from navlearn.errors import ShapeError
+from navlearn.errors import ConfigError, ShapeError
 from navlearn.filters.belief import Belief, map_belief
 from navlearn.fusion.batch_axis import first, unsqueezed
 from navlearn.fusion.history import FilterHistory
@@ -25,6 +25,7 @@ from navlearn.fusion.smoothed_blocks import iterated
 from navlearn.fusion.smoothed_path import smoothed_path
 from navlearn.fusion.smoothing_pass import evidence_of, smoothing_pass
 from navlearn.fusion.timeline import timeline
+from navlearn.fusion.unscented.loosely_coupled import LooselyCoupledUkf
 from navlearn.states import FixTiming, GnssFix, RissSample, Trajectory
 
 
@@ -51,7 +52,7 @@ class SmoothedDrive(NamedTuple):
 
 
 def smooth(
-    ekf: LooselyCoupledEkf,
+    ekf: LooselyCoupledEkf | LooselyCoupledUkf,
     start: Belief,
     samples: RissSample,
     fixes: GnssFix,
@@ -74,8 +75,14 @@ def smooth(
         Smoothed drives; without batch axis where the input had none.
 
     Raises:
+        ConfigError: The filter is an unscented one.
         ShapeError: The history is not that of these samples and fixes.
     """
+    if isinstance(ekf, LooselyCoupledUkf):
+        raise ConfigError(
+            "smoothing: found an unscented filter; the smoother is that of the extended one, whose "
+            "derivatives it takes: leave EkfOptions.unscented out for smoothed drives"
+        )
     if samples.dt.dim() == 1:
         batched = smooth(
             ekf,

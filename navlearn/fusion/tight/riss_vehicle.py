@@ -89,8 +89,7 @@ class RissVehicle(GatedVehicle):
     ) -> VehicleLine:
         """Return drives in blocks that end where ranges are received; see ``Vehicle``."""
         given = no_fixes(timing) if fixes is None else fixes
-        line = timeline(self.model, samples, given, timing)
-        return VehicleLine(line.blocks, line, line.occasion.delay)
+        return vehicle_line(timeline(self.model, samples, given, timing))
 
     def all_blocks(self, line: VehicleLine) -> RissBlock:
         """Return all blocks, batch shape (B, K)."""
@@ -223,6 +222,15 @@ class RissVehicle(GatedVehicle):
         """Return the causal solution at full rate, batch shape (B, T)."""
         inside = path_in_blocks(self.model, start, after, line.line)
         return trajectory_of_blocks(line.line, inside, after.state)
+
+
+def vehicle_line(line: Timeline) -> VehicleLine:
+    """Return a timeline as vehicles have it.
+
+    Args:
+        line: The drives in blocks.
+    """
+    return VehicleLine(line.blocks, line, line.occasion.delay)
 
 
 def _from_first(value: Tensor) -> Tensor:

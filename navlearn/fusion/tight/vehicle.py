@@ -13,6 +13,7 @@ from torch import Tensor
 from navlearn.errors import ConfigError
 from navlearn.filters.belief import Belief
 from navlearn.filters.ins_belief import InsBelief
+from navlearn.filters.unscented import UnscentedOptions
 from navlearn.fusion.blocks import Blocks
 from navlearn.fusion.gate_options import GateOptions
 from navlearn.fusion.measurements import Rows
@@ -74,6 +75,7 @@ class Vehicle(Protocol[AnyBelief]):
         gate: When a measurement is refused.
         anchor: As in :class:`navlearn.fusion.gating.Gated`, among the vehicle's own kinds.
         company: The same.
+        unscented: Sigma points by which it is carried and measured; None for its linear models.
     """
 
     @property
@@ -93,6 +95,9 @@ class Vehicle(Protocol[AnyBelief]):
 
     @property
     def company(self) -> tuple[int, ...]: ...  # noqa: D102
+
+    @property
+    def unscented(self) -> UnscentedOptions | None: ...  # noqa: D102
 
     def laid_out(self, samples: Any, fixes: GnssFix | None, timing: FixTiming) -> VehicleLine:
         """Return drives in blocks that end where ranges are received.
@@ -231,13 +236,15 @@ def for_points(tree: T, batch: int, points: int) -> T:
     """Return beliefs or blocks once for each of several points, as views.
 
     Args:
-        tree: Tree of named tuples of tensors, batch shape (...).
+        tree: Tree of named tuples of tensors and None, batch shape (...).
         batch: Number of batch axes.
         points: Number of points P.
 
     Returns:
         The same of batch shape (..., P).
     """
+    if tree is None:
+        return tree
     if isinstance(tree, Tensor):
         shape = tree.shape
         wide = tree.unsqueeze(batch).expand(*shape[:batch], points, *shape[batch:])

@@ -5,29 +5,24 @@ and carries them through all its samples at once; ``sequential`` draws them anew
 and is the oracle.
 """
 
-from typing import Literal
-
 import torch
 from torch import Tensor
 
-from navlearn.errors import ConfigError, ShapeError
-from navlearn.filters.belief import Belief, map_belief
+from navlearn.errors import ConfigError
+from navlearn.filters.belief import Belief
 from navlearn.filters.unscented import UnscentedOptions, sigma_weights
-from navlearn.fusion.batch_axis import unsqueezed
-from navlearn.fusion.checks import check_history, check_inputs
+from navlearn.fusion.drives import Method, filtered_drives
 from navlearn.fusion.ground_velocity import BlockEnd
-from navlearn.fusion.history import FilterHistory, history_without_batch
+from navlearn.fusion.history import FilterHistory
 from navlearn.fusion.options import EkfOptions
-from navlearn.fusion.record import history
+from navlearn.fusion.record import history, path_in_blocks
 from navlearn.fusion.standstill import Rest
-from navlearn.fusion.tight.riss_vehicle import RissBlock, RissVehicle
-from navlearn.fusion.timeline import known_acceleration, occasion_after
+from navlearn.fusion.tight.riss_vehicle import RissBlock, RissVehicle, vehicle_line
+from navlearn.fusion.timeline import Timeline, known_acceleration, occasion_after
 from navlearn.fusion.unscented.prediction import predicted_in_turn, rooted
 from navlearn.fusion.unscented.recursion import end_block, run_unscented_loop
 from navlearn.fusion.updates import Occasion
 from navlearn.states import FixTiming, GnssFix, RissSample
-
-Method = Literal["exact", "fast", "sequential"]
 
 
 class LooselyCoupledUkf(RissVehicle):
@@ -86,30 +81,23 @@ class LooselyCoupledUkf(RissVehicle):
                 :mod:`navlearn.fusion.bounds`), or fixes are out of order or range.
             FilterDivergedError: If a state or variance is lost on the way.
         """
-        if method not in ("exact", "fast", "sequential"):
-            raise ConfigError(f"filter: found method {method!r}; choose exact, fast or sequential")
-        if samples.dt.dim() == 1:
-            batched = self.forward(
-                map_belief(start, unsqueezed),
-                RissSample(*map(unsqueezed, samples)),
-                GnssFix(*map(unsqueezed, fixes)),
-                FixTiming(*map(unsqueezed, timing)),
-                method=method,
-            )
-            return history_without_batch(batched)
-        if samples.dt.dim() != 2 or samples.dt.shape[-1] == 0:
-            raise ShapeError(
-                f"filter: samples have shape {tuple(samples.dt.shape)}; expected (B, T) or (T,) "
-                "with at least one sample"
-            )
-        check_inputs(self.model, start, samples, fixes, timing)
-        line = self.laid_out(samples, fixes, timing)
-        in_turn = method == "sequential"
-        record = run_unscented_loop(self, self.weights, start, line, in_turn=in_turn)
-        path = self.path(start, record.belief, line)
-        found = history(line.line, record, path, "sequential" if in_turn else "exact", 1)
-        check_history(self.model, found, samples)
-        return found
+        return filtered_drives(self.model, self.over, start, samples, fixes, timing, method)
+
+    def over(self, start: Belief, line: Timeline, method: Method) -> FilterHistory:
+        """Run the filter over drives in blocks that have been looked at.
+
+        Args:
+            start: Belief before the first block, batch shape (B,).
+            line: The drives in blocks.
+            method: Form of the filter, as in :meth:`forward`.
+
+        Returns:
+            History.
+        """
+        in_turn, whole = method == "sequential", vehicle_line(line)
+        record = run_unscented_loop(self, self.weights, start, whole, in_turn=in_turn)
+        inside = path_in_blocks(self.model, start, record.belief, line)
+        return history(line, record, inside, "sequential" if in_turn else "exact", 1)
 
     def step(
         self, belief: Belief, sample: RissSample, acceleration: Tensor | None = None
@@ -141,6 +129,7 @@ class LooselyCoupledUkf(RissVehicle):
         delay: Tensor | None = None,
         rest: Rest | None = None,
         acceleration: Tensor | None = None,
+        astray: Tensor | None = None,
     ) -> Belief:
         """Update with a fix, standstill, or both at the end of an interval.
 
@@ -151,12 +140,20 @@ class LooselyCoupledUkf(RissVehicle):
             delay: End of the interval minus the fix's time, s, shape (...); None means zero.
             rest: Standstill up to now that has not been used yet; None means none.
             acceleration: As in :meth:`step`; None means a steady speed.
+            astray: 1.0 where the fix has moved otherwise than the car, shape (...), as
+                :class:`navlearn.fusion.motion_watch.MotionWatch` tells; None means nowhere.
 
         Returns:
             Belief after the update, errors fed back.
         """
         occasion = occasion_after(
-            self.model, sample, fix=fix, delay=delay, rest=rest, acceleration=acceleration
+            self.model,
+            sample,
+            fix=fix,
+            delay=delay,
+            rest=rest,
+            acceleration=acceleration,
+            astray=astray,
         )
         block = _one_sample(sample, occasion.end.acceleration, occasion)
         return end_block(self, self.weights, rooted(belief), block)[1].belief
