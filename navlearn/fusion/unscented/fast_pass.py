@@ -73,7 +73,9 @@ def regressed_blocks(
     return LinearBlocks(begin, end, tells.slope, noise, found)
 
 
-def extended_blocks(vehicle: Vehicle[Any], ahead: VehicleAhead, begin: Any, blocks: Any) -> LinearBlocks:
+def extended_blocks(
+    vehicle: Vehicle[Any], ahead: VehicleAhead, begin: Any, blocks: Any
+) -> LinearBlocks:
     """Return all blocks as the extended filter sees them, which is where passes begin.
 
     Args:
@@ -86,9 +88,7 @@ def extended_blocks(vehicle: Vehicle[Any], ahead: VehicleAhead, begin: Any, bloc
         The blocks, linear.
     """
     end = ahead.belief
-    return LinearBlocks(
-        begin, end, ahead.transition, ahead.noise, vehicle.measured(end, blocks)
-    )
+    return LinearBlocks(begin, end, ahead.transition, ahead.noise, vehicle.measured(end, blocks))
 
 
 def filtered_blocks(
