@@ -13,19 +13,15 @@ import numpy as np
 import pandas as pd
 
 from navlearn.errors import ConfigError
-from navlearn.experiment.baselines import FilterRuns
-from navlearn.experiment.ins_filter_runs import InsFilterRuns
 from navlearn.experiment.range_fixes import with_fixes
-from navlearn.experiment.solution_tables import ins_solution_table, solution_table
-from navlearn.experiment.tight_filter_runs import TightFilterRuns
+from navlearn.experiment.state_rmse import whole_solution
 from navlearn.logs.drive_log import DriveLog
-from navlearn.outages.schedule import Outage
-from navlearn.outages.track import enu_metres, track_of
+from navlearn.outages.state_errors import state_errors
+from navlearn.outages.track import track_of
 from navlearn.recipe import Recipe, load_recipe
 from navlearn.recipe.log_section import LogSource
 from navlearn.recipe.sweep import is_sweep, load_sweep
 from navlearn.recipe.swept_drives import RecordedDrives
-from navlearn.states import InsState
 
 OPEN_SKY: Final = 6
 """Satellites received outside a canyon, at least."""
@@ -33,8 +29,8 @@ OPEN_SKY: Final = 6
 SPAN: Final = 5.0
 """Seconds before and after a moment over which received satellites are averaged."""
 
-NEAR: Final = 0.06
-"""A solution belongs to a time of the reference that lies this near, s."""
+POSITION: Final = {"longitude": "east", "latitude": "north", "altitude": "up"}
+"""Errors of position, and what they are called here."""
 
 
 def whole_drive(log: DriveLog, recipe: Recipe) -> pd.DataFrame:
@@ -49,18 +45,11 @@ def whole_drive(log: DriveLog, recipe: Recipe) -> pd.DataFrame:
         ``north``, ``up``, ``horizontal`` (errors, m), ``canyon`` (whether).
     """
     track = track_of(log)
-    rows = []
-    for name, table in _solutions(log, recipe):
-        at, found = _at(table, track.t)
-        lat, lon, height = found
-        east, north, up = enu_metres(
-            lat, lon, height, track.lat[at], track.lon[at], track.height[at]
-        )
-        rows.append(
-            pd.DataFrame(
-                {"solution": name, "t": track.t[at], "east": east, "north": north, "up": up}
-            )
-        )
+    judge = pd.DataFrame({name: getattr(track, name) for name in ("t", "lat", "lon", "height")})
+    rows = [
+        state_errors(table, judge)[["t", *POSITION]].rename(columns=POSITION).assign(solution=name)
+        for name, table in _solutions(log, recipe)
+    ]
     errors = pd.concat(rows, ignore_index=True)
     return errors.assign(
         horizontal=np.hypot(errors["east"], errors["north"]),
@@ -151,47 +140,10 @@ def in_canyon(log: DriveLog, t: np.ndarray) -> np.ndarray:
 
 def _solutions(log: DriveLog, recipe: Recipe) -> Iterator[tuple[str, pd.DataFrame]]:
     alone = with_fixes(replace(log, fixes=log.fixes.iloc[:0]), recipe)
+    loose = "ins_ekf" if recipe.mechanization.sensors == "imu" else "ekf"
     yield "single point", alone.fixes
     if len(log.fixes):
         yield "receiver's fixes", log.fixes
-        yield "loose, receiver's fixes", _loose(log, recipe)
-    yield "loose, single point", _loose(alone, recipe)
-    yield "tight", _tight(log if len(log.fixes) else alone, recipe)
-
-
-def _everything(log: DriveLog) -> Outage:
-    # a stretch that holds the whole drive, so that its solution becomes a table
-    return Outage(float(log.imu["t"].iloc[0]) - 1.0, log.duration + 2.0)
-
-
-def _loose(log: DriveLog, recipe: Recipe) -> pd.DataFrame:
-    if recipe.mechanization.sensors == "imu":
-        line, _, run = InsFilterRuns(recipe).run(log)
-        return ins_solution_table(line.t[run.first :], run.history.trajectory, _everything(log))
-    timeline, _, one = FilterRuns(recipe).run(log)
-    return solution_table(timeline.t[one.first :], one.history.trajectory, _everything(log))
-
-
-def _tight(log: DriveLog, recipe: Recipe) -> pd.DataFrame:
-    line, _, _, run = TightFilterRuns(recipe).run(log)
-    path, t = run.history.trajectory, line.t[run.first :]
-    if isinstance(path, InsState):
-        return ins_solution_table(t, path, _everything(log))
-    return solution_table(t, path, _everything(log))
-
-
-def _at(table: pd.DataFrame, t: np.ndarray) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
-    """Return the times of a reference that a solution has, and the solution there."""
-    known = table.dropna(subset=["lat", "lon"])
-    own = known["t"].to_numpy(np.float64)
-    after = np.clip(np.searchsorted(own, t), 1, len(own) - 1)
-    dense = np.diff(own)[after - 1] <= 4.0 * NEAR
-    inside = (t >= own[0]) & (t <= own[-1])
-    nearest = np.where(t - own[after - 1] < own[after] - t, after - 1, after)
-    hit = np.abs(own[nearest] - t) <= NEAR
-    at = np.flatnonzero(inside & (dense | hit))
-    values = [known[name].to_numpy(np.float64) for name in ("lat", "lon", "height")]
-    between = [np.interp(t[at], own, one) for one in values]
-    exact = [one[nearest[at]] for one in values]
-    chosen = dense[at]
-    return at, tuple(np.where(chosen, a, b) for a, b in zip(between, exact, strict=True))
+        yield "loose, receiver's fixes", whole_solution(log, recipe, loose)
+    yield "loose, single point", whole_solution(alone, recipe, loose)
+    yield "tight", whole_solution(log if len(log.fixes) else alone, recipe, "tc_ekf")
