@@ -2,6 +2,7 @@
 
 from torch import nn
 
+from navlearn.filters.unscented import UnscentedOptions
 from navlearn.fusion.filter_model import FilterModel
 from navlearn.fusion.gate_options import GateOptions
 from navlearn.fusion.ins.model import InsFilterModel
@@ -46,6 +47,11 @@ class GatedVehicle(nn.Module):
     def company(self) -> tuple[int, ...]:
         """Kinds that are believed together with the anchor."""
         return self.model.company
+
+    @property
+    def unscented(self) -> UnscentedOptions | None:
+        """Sigma points by which the vehicle is carried and measured; None for linear models."""
+        return self.model.options.unscented
 
     @property
     def angle_rows(self) -> tuple[int, ...]:

@@ -3,7 +3,7 @@
 [Iqbal2020] §IX, [Groves2013] §14.3.2; forms of one filter. ``sequential`` predicts sample by sample
 and is the oracle; ``exact`` loops over the blocks between receptions and composes the samples of
 each at once; ``fast`` solves for all blocks at once and iterates. Any number of satellites does,
-none included.
+none included. A vehicle whose options name sigma points makes the filter an unscented one.
 """
 
 from typing import Any, Literal
@@ -21,12 +21,14 @@ from navlearn.fusion.tight.model import tight_model
 from navlearn.fusion.tight.noise import TightNoise, log_tight_noise, tight_noise_from_log
 from navlearn.fusion.tight.options import TightEkfOptions
 from navlearn.fusion.tight.packing import packed_reception
-from navlearn.fusion.tight.prediction import predicted_belief, tight_ahead
+from navlearn.fusion.tight.prediction import predicted_belief
 from navlearn.fusion.tight.recursion import run_tight_loop
 from navlearn.fusion.tight.start import tight_start
+from navlearn.fusion.tight.steps import LINEAR
 from navlearn.fusion.tight.timeline import Reception, tight_timeline, usable, with_system_each
 from navlearn.fusion.tight.update import updated
 from navlearn.fusion.tight.vehicle import Vehicle
+from navlearn.fusion.unscented.tight import unscented_steps
 from navlearn.states import FixTiming, GnssFix, ImuSample, RissSample, SatelliteRanges
 
 Method = Literal["exact", "fast", "sequential"]
@@ -61,6 +63,8 @@ class TightEkf(nn.Module):
         self.options = options or TightEkfOptions()
         self.vehicle = vehicle
         self.model = tight_model(vehicle, self.options, systems)
+        unscented = vehicle.unscented
+        self.steps = LINEAR if unscented is None else unscented_steps(self.model, unscented)
         self.log_noise = nn.Parameter(log_tight_noise(self.options), requires_grad=False)
 
     @property
@@ -102,7 +106,7 @@ class TightEkf(nn.Module):
             fixes: Fixes at the same moments, for vehicles that take them; None for none.
             method: Form of the filter; ``history.method`` says which ran. The fast form answers
                 with the loop over blocks where its passes do not converge, and for vehicles that
-                have no such form.
+                have no such form or are unscented.
             silence: Time from the last reception that ``start`` knows of to the first sample's
                 beginning, s, shape (B,) or (), as multipath lasts; None where there was none.
 
@@ -143,11 +147,13 @@ class TightEkf(nn.Module):
         check_tight_inputs(self.model, start, samples, ranges, timing, fixes)
         line = tight_timeline(self.model, samples, ranges, timing, fixes, silence)
         history = None
-        if method == "fast":
+        if method == "fast" and self.vehicle.unscented is None:
             history = run_tight_fast(self.model, start, line, self.noise)
         if history is None:
             in_turn = method == "sequential"
-            history = run_tight_loop(self.model, start, line, self.noise, in_turn=in_turn)
+            history = run_tight_loop(
+                self.model, start, line, self.noise, in_turn=in_turn, steps=self.steps
+            )
         check_tight_history(self.model, history, samples)
         return history
 
@@ -163,7 +169,7 @@ class TightEkf(nn.Module):
             Belief after them.
         """
         block = self._block(samples)
-        ahead = tight_ahead(self.model, belief, block, samples.dt.sum(-1), self.noise)
+        ahead = self.steps.ahead(self.model, belief, block, samples.dt.sum(-1), self.noise)
         return predicted_belief(ahead, belief.covariance)
 
     def update(
@@ -193,7 +199,8 @@ class TightEkf(nn.Module):
         reception = Reception(usable(self.options, ranges), late, elapsed, elapsed)
         heard, places = packed_reception(reception)
         block = self._block(samples)
-        return updated(self.model, belief, block, heard, places, self.noise).belief
+        see = self.steps.see
+        return updated(self.model, belief, block, heard, places, self.noise, see).belief
 
     def _block(self, samples: RissSample | ImuSample) -> Any:
         """Return a stretch of samples as one block that ends with a reception."""

@@ -8,8 +8,9 @@ from navlearn.fusion.tight.history import TightHistory
 from navlearn.fusion.tight.model import TightModel
 from navlearn.fusion.tight.noise import TightNoise
 from navlearn.fusion.tight.packing import Places, packed_reception
-from navlearn.fusion.tight.prediction import predicted_belief, tight_ahead
+from navlearn.fusion.tight.prediction import predicted_belief
 from navlearn.fusion.tight.record import tight_history
+from navlearn.fusion.tight.steps import LINEAR, TightSteps
 from navlearn.fusion.tight.timeline import TightLine
 from navlearn.fusion.tight.update import TightEnded, updated
 from navlearn.fusion.tight.vehicle import blocks_in_turn
@@ -22,6 +23,7 @@ def run_tight_loop(
     noise: TightNoise,
     *,
     in_turn: bool = False,
+    steps: TightSteps = LINEAR,
 ) -> TightHistory:
     """Run the filter block after block.
 
@@ -31,6 +33,7 @@ def run_tight_loop(
         line: The drives in blocks.
         noise: Noise of ranges and clock.
         in_turn: Whether a block's samples are taken one after another, not at once.
+        steps: How the filter predicts and sees.
 
     Returns:
         History.
@@ -40,9 +43,10 @@ def run_tight_loop(
     blocks = blocks_in_turn(model.vehicle, line.vehicle)
     stops = zip(blocks, unstacked(heard), places.slot.unbind(1), strict=True)
     for block, reception, slot in stops:
-        ahead = tight_ahead(model, belief, block, reception.elapsed, noise, in_turn=in_turn)
+        ahead = steps.ahead(model, belief, block, reception.elapsed, noise, in_turn=in_turn)
         prior = predicted_belief(ahead, belief.covariance)
-        ended = updated(model, prior, block, reception, Places(slot, places.slots), noise)
+        here = Places(slot, places.slots)
+        ended = updated(model, prior, block, reception, here, noise, steps.see)
         belief = ended.belief
         ends.append(ended)
     record: TightEnded = stacked(ends)

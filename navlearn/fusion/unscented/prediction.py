@@ -6,8 +6,10 @@ linearisation, and process noise is that of its linear model at the mean [Ghoune
 
 from typing import Any, NamedTuple
 
+import torch
 from torch import Tensor
 
+from navlearn.filters.ekf import propagated
 from navlearn.filters.regression import Regressed, regressed
 from navlearn.filters.square_root import root_of, root_of_sum
 from navlearn.filters.unscented import ImageMoments, SigmaWeights, image_moments, sigma_points
@@ -117,10 +119,59 @@ def predicted_in_turn(
     """
     at = start
     for sample in vehicle.in_samples(block):
-        images = vehicle.carried_apart(at.belief, sigma_points(at.root, weights), sample)
-        centre = vehicle.predicted_in_turn(at.belief, sample)
-        at = _noisy(vehicle, PointsAhead(centre, image_moments(images, weights)), sample)
+        at = _noisy(vehicle, _over_sample(vehicle, weights, at, sample), sample)
     return at
+
+
+def ahead_by_points(
+    vehicle: Vehicle[Any],
+    weights: SigmaWeights,
+    start: RootedBelief,
+    block: Any,
+    *,
+    in_turn: bool = False,
+) -> VehicleAhead:
+    """Return the prediction over blocks as a linear one: Φ regressed, and Ω beside Q.
+
+    Args:
+        vehicle: The vehicle.
+        weights: Weights of the points.
+        start: Beliefs at the starts of blocks, batch shape (...).
+        block: The blocks, batch shape (...).
+        in_turn: Whether points are drawn anew at every sample, not only at the blocks' starts.
+
+    Returns:
+        Mean at the end, covariance as at the start; Φ, and Ω + Q.
+    """
+    if not in_turn:
+        return _linear(vehicle, points_ahead(vehicle, weights, start, block), start, block)
+    at, noise = start, torch.zeros_like(start.root)
+    eye = torch.eye(noise.shape[-1], dtype=noise.dtype, device=noise.device)
+    whole = eye.expand(noise.shape)
+    for sample in vehicle.in_samples(block):
+        points = _over_sample(vehicle, weights, at, sample)
+        ahead = _linear(vehicle, points, at, sample)
+        whole = ahead.transition @ whole
+        noise = propagated(noise, ahead.transition, ahead.noise)
+        at = _noisy(vehicle, points, sample)
+    end = at.belief._replace(covariance=start.belief.covariance)
+    return VehicleAhead(end, whole, noise)
+
+
+def _over_sample(
+    vehicle: Vehicle[Any], weights: SigmaWeights, start: RootedBelief, sample: Any
+) -> PointsAhead:
+    images = vehicle.carried_apart(start.belief, sigma_points(start.root, weights), sample)
+    centre = vehicle.predicted_in_turn(start.belief, sample)
+    return PointsAhead(centre, image_moments(images, weights))
+
+
+def _linear(
+    vehicle: Vehicle[Any], points: PointsAhead, start: RootedBelief, block: Any
+) -> VehicleAhead:
+    tells, centre = points.regressed(start.root), points.centre
+    moved = vehicle.moved(centre.belief, tells.shift, block)
+    return VehicleAhead(moved, tells.slope, tells.unexplained + centre.noise)
 
 
 def _noisy(vehicle: Vehicle[Any], ahead: PointsAhead, block: Any) -> RootedBelief:

@@ -51,7 +51,7 @@ def measured_by_points(
     if not bool((found.present > 0.5).any()):
         return found
     deviation = sigma_points(prior.root, weights)
-    images, told = _images(vehicle, prior.belief, deviation, found, block)
+    images, told = images_of(vehicle, prior.belief, deviation, found, block)
     tells = regressed(prior.root, image_moments(images, weights), found.observation)
     bend = torch.where(told.unsqueeze(-1), tells.bend, 0.0)
     return found._replace(
@@ -61,13 +61,23 @@ def measured_by_points(
     )
 
 
-def _images(
+def images_of(
     vehicle: Vehicle[Any], belief: Any, deviation: Tensor, found: Measured, block: Any
 ) -> tuple[Tensor, Tensor]:
     """Return predicted measurements relative to the first point's, and where all points have one.
 
     A position enters as it is: its part is taken from H, as latitudes would keep a nanometre of it,
     of which narrow points make centimetres.
+
+    Args:
+        vehicle: The vehicle.
+        belief: Predictions at the ends of blocks, batch shape (...).
+        deviation: Points about them, the first zero, shape (..., P, n).
+        found: What is measured at the predictions.
+        block: The blocks, batch shape (...).
+
+    Returns:
+        Shape (..., P, r), and bool, shape (..., r).
     """
     batch, points = deviation.dim() - 2, deviation.shape[-2]
     wide = for_points(block, batch, points)
