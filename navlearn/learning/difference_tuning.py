@@ -6,7 +6,6 @@ fixes. ``ghouneem2024`` is what is printed. What is tuned on a drive is to be ju
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, Final, Literal
 
 from navlearn.errors import ConfigError, FitError
@@ -17,6 +16,7 @@ from navlearn.learning.integrated_errors import integrated_errors, mean_squares
 from navlearn.learning.receiver_noise import receiver_noise
 from navlearn.learning.reference_increments import reference_increments
 from navlearn.learning.referenced_drive import ReferencedDrive
+from navlearn.learning.tuned_values import TunedValues
 
 FixErrors = Literal["lasting", "white"]
 Rule = Literal["increments", "ghouneem2024", "ghouneem2024_absolute"]
@@ -26,21 +26,6 @@ RULES: Final[tuple[Rule, ...]] = ("increments", "ghouneem2024", "ghouneem2024_ab
 
 BELIEVED: Final = 4
 """For how many drives the deviation of a sensor parameter that was believed before counts."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class TunedValues:
-    """Options of a filter that a rule found.
-
-    Attributes:
-        filter: Overrides of :class:`navlearn.fusion.options.EkfOptions` by name.
-        figures: Numbers worth knowing, by name.
-        notes: What a reader should know.
-    """
-
-    filter: dict[str, Any]
-    figures: dict[str, int | float | dict[str, int | float]]
-    notes: tuple[str, ...] = ()
 
 
 def tuned_by_differences(

@@ -1,0 +1,1 @@
+"""What a sensor's noise is, by the Allan variance of a standstill."""
