@@ -3,12 +3,11 @@
 As :mod:`navlearn.fusion.fast`, but what is guessed of every block's start is mean and covariance:
 sigma points are drawn from both. A pass regresses all blocks at the guess and runs one linear
 filter, parallel in time, over them; where the guess is what the filter returns, that is the loop
-over blocks itself. Means converge quadratically, covariances by a factor of about a hundred a pass.
-A pass or two of the extended filter come first: they cost half as much, and find the way to within
-metres.
+over blocks itself. Where azimuth is hardly known points lie all round and no guess will do: such
+blocks go one after another until it is known, and the passes take the others.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -17,123 +16,105 @@ from navlearn.filters.tight_belief import map_tree
 from navlearn.filters.unscented import SigmaWeights
 from navlearn.fusion.batch_axis import wants_gradient
 from navlearn.fusion.convergence import solved
-from navlearn.fusion.gated_pass import Behind
-from navlearn.fusion.gating import Judged
-from navlearn.fusion.record import Ended, starts_of_blocks
-from navlearn.fusion.tight.passes import VehiclePasses
+from navlearn.fusion.drives import Method
+from navlearn.fusion.record import Ended
+from navlearn.fusion.recursion import stacked, unstacked
 from navlearn.fusion.tight.vehicle import Vehicle, VehicleLine
-from navlearn.fusion.unscented.fast_pass import (
-    Carry,
-    extended_blocks,
-    filtered_blocks,
-    regressed_blocks,
-)
+from navlearn.fusion.unscented.fast_pass import Carry
+from navlearn.fusion.unscented.passes import UnscentedPasses
+from navlearn.fusion.unscented.prediction import RootedBelief, predicted, rooted
+from navlearn.fusion.unscented.recursion import end_block
 
-TOLERANCE = 1e-3
-"""Largest move of a block's start in the last pass, m; the next would move a hundredth of it."""
+WIDE = 0.5
+"""Deviation of azimuth above which blocks go one after another, rad."""
 
-ROUGHLY = 0.3
-"""The same before passes with gradients, each of which converges too, m."""
+AZIMUTH = ("azimuth", "phi_up")
+"""Names of the azimuth's error among error states."""
 
-SPREAD = 0.1
-"""What a change of a covariance by all of its deviations counts for in a move, m."""
 
-MOST_EXTENDED = 4
-"""Passes of the extended filter after which those of the unscented one begin wherever it is."""
+class AllAtOnce(NamedTuple):
+    """What came of a run.
+
+    Attributes:
+        record: Every block's end, batch shape (B, K).
+        method: ``fast``, or ``exact`` where the loop over blocks had to answer.
+        passes: Passes over all blocks; 1 for the loop.
+    """
+
+    record: Ended
+    method: Method
+    passes: int
 
 
 def run_unscented_fast(
     vehicle: Vehicle[Any], weights: SigmaWeights, carry: Carry, start: Any, line: VehicleLine
-) -> tuple[Ended, int] | None:
+) -> AllAtOnce:
     """Run the filter over all blocks at once.
 
     Args:
         vehicle: The vehicle.
         weights: Weights of the sigma points.
-        carry: Carries points over all blocks.
+        carry: Carries points over blocks.
         start: Belief before the first sample, batch shape (B,).
         line: The drives in blocks.
 
     Returns:
-        Every block's end, batch shape (B, K), and the number of passes; None where the vehicle has
-        no passes, they did not converge, or what is believed oscillates.
+        Every block's end. The loop over blocks answers where the vehicle has no passes, they did
+        not converge, what is believed oscillates, or azimuth is never known.
     """
+    blocks, count = vehicle.all_blocks(line), line.blocks.end.shape[1]
+    at, ends, turns = rooted(start), list[Ended](), list[Any]()
+    if _wide(vehicle, at.belief):
+        turns = unstacked(blocks)
+    while len(ends) < count and _wide(vehicle, at.belief):
+        at, ended = _one_block(vehicle, weights, at, turns[len(ends)])
+        ends.append(ended)
+    gone = len(ends)
+    if gone < count:
+        rest = map_tree(blocks, lambda x: x[:, gone:]) if gone > 0 else blocks
+        found = _solved(vehicle, weights, carry, at.belief, _later(line, gone), rest)
+        if found is not None:
+            record, passes = found
+            return AllAtOnce(_joined(stacked(ends), record) if ends else record, "fast", passes)
+        turns = turns or unstacked(blocks)
+    for block in turns[gone:]:
+        at, ended = _one_block(vehicle, weights, at, block)
+        ends.append(ended)
+    return AllAtOnce(stacked(ends), "exact", 1)
+
+
+def _one_block(
+    vehicle: Vehicle[Any], weights: SigmaWeights, at: RootedBelief, block: Any
+) -> tuple[RootedBelief, Ended]:
+    return end_block(vehicle, weights, predicted(vehicle, weights, at, block), block)
+
+
+def _wide(vehicle: Vehicle[Any], belief: Any) -> bool:
+    """Return whether azimuth is hardly known in any drive."""
+    for name in AZIMUTH:
+        if name in vehicle.names:
+            k = vehicle.names.index(name)
+            return bool((belief.covariance[..., k, k] > WIDE * WIDE).any())
+    return False
+
+
+def _solved(
+    vehicle: Vehicle[Any],
+    weights: SigmaWeights,
+    carry: Carry,
+    start: Any,
+    line: VehicleLine,
+    blocks: Any,
+) -> tuple[Ended, int] | None:
     of_vehicle = vehicle.passes(start, line)
     if of_vehicle is None:
         return None
-    passes = _Passes(vehicle, weights, carry, start, line, of_vehicle)
+    passes = UnscentedPasses(vehicle, weights, carry, start, blocks, of_vehicle)
     learning = torch.is_grad_enabled() and _wants_gradient(vehicle, start, line)
     with torch.no_grad():
-        begin = passes.roughly()
+        begin = passes.roughly(line.line.occasion.fix)
     found = solved(begin, passes, learning)
     return None if found is None else (found[0], found[1] + passes.extended)
-
-
-class _Passes:
-    """Passes over the same blocks."""
-
-    def __init__(
-        self,
-        vehicle: Vehicle[Any],
-        weights: SigmaWeights,
-        carry: Carry,
-        start: Any,
-        line: VehicleLine,
-        of_vehicle: VehiclePasses[Any],
-    ) -> None:
-        self.vehicle, self.weights, self.carry = vehicle, weights, carry
-        self.start, self.line, self.of_vehicle = start, line, of_vehicle
-        self.blocks = vehicle.all_blocks(line)
-        self.extended = 0
-        self.first: Judged | None = None
-
-    @property
-    def tolerances(self) -> tuple[float, float]:
-        """Largest moves of a block's start, m, before passes with gradients and in the last."""
-        return ROUGHLY, TOLERANCE
-
-    def roughly(self) -> Any:
-        """Return where blocks start by the extended filter."""
-        vehicle, start = self.vehicle, self.start
-        begin = self.of_vehicle.guess(self.line.line.occasion.fix)
-        for _ in range(MOST_EXTENDED):
-            linear = extended_blocks(vehicle, self.of_vehicle.ahead(begin), begin, self.blocks)
-            record, behind = filtered_blocks(vehicle, start, linear, self.blocks, self.first, 1)
-            new = self.starts(record)
-            self.extended += 1
-            near = self.of_vehicle.trusts(new, begin)
-            begin = new
-            if near:
-                self.first = behind.said
-                break
-        return begin
-
-    def run(self, guess: Any, said: Judged | None, rounds: int) -> tuple[Ended, Behind]:
-        """Run one pass."""
-        linear = regressed_blocks(self.vehicle, self.weights, self.carry, guess, self.blocks)
-        if said is None:
-            said, self.first = self.first, None
-        return filtered_blocks(self.vehicle, self.start, linear, self.blocks, said, rounds)
-
-    def starts(self, record: Ended) -> Any:
-        """Return where blocks start by what a pass found, batch shape (B, K)."""
-        return starts_of_blocks(self.start, record.belief)
-
-    def move(self, new: Any, old: Any) -> float:
-        """Return how far blocks moved, m; a covariance that changed counts, too."""
-        variance = old.covariance.diagonal(dim1=-2, dim2=-1)
-        sigma = torch.where(variance > 0.0, variance, torch.inf).sqrt()
-        change = (new.covariance - old.covariance).abs() / sigma.unsqueeze(-1) / sigma.unsqueeze(-2)
-        spread = SPREAD * float(change.detach().amax())
-        return max(self.of_vehicle.move(new, old), spread)
-
-    def trusts(self, new: Any, old: Any) -> bool:
-        """Return whether a pass came near."""
-        return self.of_vehicle.trusts(new, old)
-
-    def detached(self, begin: Any) -> Any:
-        """Return the same beliefs without gradients."""
-        return map_tree(begin, Tensor.detach)
 
 
 def _wants_gradient(vehicle: Vehicle[Any], start: Any, line: VehicleLine) -> bool:
@@ -147,3 +128,33 @@ def _wants_gradient(vehicle: Vehicle[Any], start: Any, line: VehicleLine) -> boo
     if isinstance(vehicle, torch.nn.Module):
         leaves += vehicle.parameters()
     return wants_gradient(leaves)
+
+
+def _later(line: VehicleLine, gone: int) -> VehicleLine:
+    """Return the drives from a block on, as far as passes look at them."""
+    if gone == 0:
+        return line
+
+    def cut(x: Tensor) -> Tensor:
+        return x[:, gone:]
+
+    old = line.blocks
+    blocks = old._replace(
+        gather=cut(old.gather),
+        used=cut(old.used),
+        end=cut(old.end),
+        closes=cut(old.closes),
+        fix=cut(old.fix),
+    )
+    own = line.line
+    rest = {name: map_tree(getattr(own, name), cut) for name in own._fields if name != "blocks"}
+    return VehicleLine(blocks, own._replace(blocks=blocks, **rest), cut(line.delay))
+
+
+def _joined(earlier: Any, later: Any) -> Any:
+    """Return trees of tensors one after another along their blocks."""
+    if earlier is None:
+        return None
+    if isinstance(earlier, Tensor):
+        return torch.cat((earlier, later), 1)
+    return type(earlier)(*(_joined(a, b) for a, b in zip(earlier, later, strict=True)))

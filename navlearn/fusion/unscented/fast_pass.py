@@ -23,9 +23,10 @@ from navlearn.fusion.unscented.prediction import PointsAhead, RootedBelief
 from navlearn.fusion.unscented.update import measured_by_points
 from navlearn.fusion.updates import Measured
 
-Carry = Callable[[Any, Tensor], tuple[VehicleAhead, Tensor]]
-"""Carries beliefs at the starts of all blocks, batch shape (B, K), and points about them, shape
-(B, K, P, n), to the ends: the central point with its linear model, and the others relative to it."""
+Carry = Callable[[Any, Tensor, Any], tuple[VehicleAhead, Tensor]]
+"""Carries beliefs at the starts of blocks, batch shape (B, K), and points about them, shape (B, K,
+P, n), over the blocks: gives the central point with its linear model, and the others relative to
+it."""
 
 
 class LinearBlocks(NamedTuple):
@@ -62,7 +63,7 @@ def regressed_blocks(
         The blocks, linear.
     """
     root = root_of(begin.covariance)
-    centre, images = carry(begin, sigma_points(root, weights))
+    centre, images = carry(begin, sigma_points(root, weights), blocks)
     moments = image_moments(images, weights)
     ahead = PointsAhead(centre, moments)
     tells = ahead.regressed(root)

@@ -2,7 +2,7 @@
 
 [Ghouneem2024] on the states of [Noureldin2013] ch. 8. ``exact`` draws points at every block's start
 and carries them through all its samples at once; ``sequential`` draws them anew at every sample
-and is the oracle.
+and is the oracle; ``fast`` solves for all blocks at once.
 """
 
 import torch
@@ -19,6 +19,8 @@ from navlearn.fusion.record import history, path_in_blocks
 from navlearn.fusion.standstill import Rest
 from navlearn.fusion.tight.riss_vehicle import RissBlock, RissVehicle, vehicle_line
 from navlearn.fusion.timeline import Timeline, known_acceleration, occasion_after
+from navlearn.fusion.unscented.carry import riss_carry
+from navlearn.fusion.unscented.fast import run_unscented_fast
 from navlearn.fusion.unscented.prediction import predicted_in_turn, rooted
 from navlearn.fusion.unscented.recursion import end_block, run_unscented_loop
 from navlearn.fusion.updates import Occasion
@@ -69,7 +71,8 @@ class LooselyCoupledUkf(RissVehicle):
             samples: Samples, shape (B, T) or (T,) each.
             fixes: GNSS solutions, shape (B, M) or (M,) each; M may be 0.
             timing: Where they fall among the samples.
-            method: Form of the filter; ``fast`` answers with ``exact``, as ``history.method`` says.
+            method: Form of the filter; ``fast`` answers with the loop over blocks where its passes
+                do not converge, as ``history.method`` says.
 
         Returns:
             History; without batch axis where the input had none.
@@ -94,10 +97,15 @@ class LooselyCoupledUkf(RissVehicle):
         Returns:
             History.
         """
-        in_turn, whole = method == "sequential", vehicle_line(line)
-        record = run_unscented_loop(self, self.weights, start, whole, in_turn=in_turn)
+        whole, passes = vehicle_line(line), 1
+        if method == "fast":
+            carry = riss_carry(self)
+            record, method, passes = run_unscented_fast(self, self.weights, carry, start, whole)
+        else:
+            in_turn = method == "sequential"
+            record = run_unscented_loop(self, self.weights, start, whole, in_turn=in_turn)
         inside = path_in_blocks(self.model, start, record.belief, line)
-        return history(line, record, inside, "sequential" if in_turn else "exact", 1)
+        return history(line, record, inside, method, passes)
 
     def step(
         self, belief: Belief, sample: RissSample, acceleration: Tensor | None = None
