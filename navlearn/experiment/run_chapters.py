@@ -7,11 +7,13 @@ import torch
 
 from navlearn.experiment.drive import Drive
 from navlearn.experiment.observability import observability_chapter
+from navlearn.experiment.refusals import filters_of, refusals
 from navlearn.frames import ecef_from_geodetic
 from navlearn.logs.drive_log import DriveLog
 from navlearn.outages.fit_diagnostics import FitDiagnostics, fit_section
 from navlearn.outages.fit_plots import write_fit_diagnostics
 from navlearn.outages.output import OutputFolder
+from navlearn.outages.refused_report import write_refusals
 from navlearn.outages.run_summary import Chapter
 from navlearn.recipe import Recipe
 from navlearn.recipe.ins_anarx_spec import InsAnarxSpec
@@ -35,6 +37,9 @@ def run_chapters(
     without = [name for name in _networks(recipe) if name not in fits]
     if without:
         chapters.append(Chapter(section=tuple(no_fit_section(without))))
+    filters = filters_of(recipe)
+    if filters:
+        chapters.append(write_refusals(output, refusals(filters, drive.log), drive.log))
     if recipe.observability:
         chapters.append(observability_chapter(recipe, drive, output))
     return tuple(chapters)

@@ -25,7 +25,8 @@ def test_networks_whose_solutions_were_there_already_are_named(
 ) -> None:
     recipe = make_recipe(methods=methods)
     output = prepare_output_folder(tmp_path / "run", False)
-    chapters = run_chapters(recipe, prepare_drive(recipe), {}, output)
+    every = run_chapters(recipe, prepare_drive(recipe), {}, output)
+    chapters = [one for one in every if "Networks" in one.section[0]]
     assert len(chapters) == len(told)
     for chapter, words in zip(chapters, told, strict=True):
         assert words in chapter.section[1]
