@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from navlearn.frames import enu_between
-from navlearn.fusion.measurements import Verdict
+from navlearn.fusion.measurements import believed
 from navlearn.fusion.start import told_from
 from navlearn.fusion.tight.history import TightHistory
 from navlearn.recipe.range_error_spec import RangeErrorSpec
@@ -122,7 +122,7 @@ def _starts(
     """Return the blocks after which outages are emulated, in order of time."""
     history = run.history
     slots = visible.shape[-1]
-    taken = _accepted(history.verdict[:, :slots])
+    taken = believed(history.verdict[:, :slots])
     closes = torch.ones_like(history.end, dtype=torch.bool)
     closes[:-1] = history.end[1:] != history.end[:-1]
     usable = (history.reception >= 0) & closes
@@ -152,10 +152,6 @@ def _between(heard: HeardBefore, history: TightHistory, block: int, length: int)
     index = heard.timing.index
     later = torch.arange(len(index)) > int(history.reception[block])
     return torch.nonzero(later & (index > end) & (index <= end + length)).squeeze(-1)
-
-
-def _accepted(verdict: Tensor) -> Tensor:
-    return (verdict == int(Verdict.ACCEPTED)) | (verdict == int(Verdict.ACCEPTED_BY_RESET))
 
 
 def _chosen(ranges: SatelliteRanges, reception: Tensor) -> SatelliteRanges:

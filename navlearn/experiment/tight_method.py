@@ -10,7 +10,7 @@ from navlearn.experiment.solution_tables import (
     with_deviations,
 )
 from navlearn.experiment.tight_filter_runs import TightFilterRuns, TightStart
-from navlearn.fusion.measurements import Verdict
+from navlearn.fusion.measurements import believed, refused
 from navlearn.fusion.tight.history import TightHistory
 from navlearn.logs.drive_log import DriveLog
 from navlearn.outages.replay import Solution
@@ -74,12 +74,11 @@ def heard(start: TightStart, history: TightHistory) -> dict[str, object]:
         history: The filter's run from its start on.
     """
     slots = len(start.series.satellites)
-    verdict = history.verdict[:, :slots].numpy()
-    fine = np.isin(verdict, (int(Verdict.ACCEPTED), int(Verdict.ACCEPTED_BY_RESET)))
-    refused = (verdict == int(Verdict.REFUSED_BY_GATE)).sum()
+    verdict = history.verdict[:, :slots]
+    fine = believed(verdict).numpy()
     names = [start.series.satellites[slot] for slot in np.flatnonzero(fine.any(0))]
     return {
         "satellites_used": " ".join(names),
         "ranges_used": int(fine.sum()),
-        "ranges_refused": int(refused),
+        "ranges_refused": int(refused(verdict).sum()),
     }

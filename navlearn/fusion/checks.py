@@ -15,7 +15,7 @@ from navlearn.fusion.bounds import check_bounds
 from navlearn.fusion.filter_model import FilterModel
 from navlearn.fusion.gating import Gated
 from navlearn.fusion.history import FilterHistory
-from navlearn.fusion.measurements import Kind, Verdict
+from navlearn.fusion.measurements import Kind, Verdict, refused
 from navlearn.states import FixTiming, GnssFix, ImuSample, RissSample
 
 WARN_REFUSED = 0.5
@@ -218,8 +218,8 @@ def warn_of_refusals(model: Gated, verdicts: Tensor) -> None:
     for kind in model.rows.kinds:
         verdict = verdicts[..., kind]
         seen = int((verdict != int(Verdict.ABSENT)).sum())
-        refused = int((verdict == int(Verdict.REFUSED_BY_GATE)).sum())
-        if seen >= WARN_AT_LEAST and refused > WARN_REFUSED * seen:
+        out = int(refused(verdict).sum())
+        if seen >= WARN_AT_LEAST and out > WARN_REFUSED * seen:
             warnings.warn(
                 f"filter: the gate refused more than {WARN_REFUSED:.0%} of the measurements of "
                 f"kind {kind.name.lower()}; the noise is too small for this log, or azimuth, "

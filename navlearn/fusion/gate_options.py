@@ -28,11 +28,11 @@ class GateOptions:
             from its prediction, horizontally, is refused, m; infinite switches the test off.
         motion_limit: T_GNSS of the same: a position fix that has moved by this much otherwise
             than it should have since an earlier fix is refused, m; infinite switches the test off.
-        motion_reference: What a fix should have moved: ``odometer``, as far as odometer and gyro
-            say since the last fix that this test believed; ``none``, nowhere since the fix before,
+        motion_reference: What a fix should have moved: ``odometer``, what odometer and gyro say
+            since the last fix that this test believed; ``none``, nowhere since the fix before,
             as printed, which refuses every fast drive and the first good fix after an outlier.
-        motion_growth: What the way since the earlier fix adds to ``motion_limit``, m per m: by
-            what share odometer and gyro may be wrong.
+        motion_growth: What the way since the earlier fix adds to ``motion_limit``, m per m, with
+            the odometer as reference: by what share odometer and gyro may be wrong.
         robust: ``none`` takes what is believed as its variance says; ``huber`` and ``student``
             give it a larger variance the further it is from the prediction.
         robust_limit: Deviation of a single good measurement beyond which Huber's weight falls, in

@@ -1,16 +1,19 @@
 """Has a fix moved as the car did? T_GNSS of [Ghouneem2024] Eq. (24), against the odometer.
 
 As printed a fix is compared with the one before, whatever became of that, as if the car stood:
-every fast drive is refused, and so is the first good fix after an outlier. Here the distance
-between two fixes is compared with the chord of the way between them, reckoned from odometer and
-gyro, and the earlier of the two is the last that this test believed.
+every fast drive is refused, and so is the first good fix after an outlier. Here the way between two
+fixes is compared with that reckoned from odometer and gyro, and the earlier of the two is the last
+that this test believed.
 
-Distances are compared, not vectors: a chord needs no azimuth. So the verdicts hang on samples and
-fixes alone, are the same in all forms of a filter, and stay right where the filter has run away
-and its own prediction refuses good fixes. What a distance does not show, a fix thrown to the side
-of a fast car, shows in how far it is from the prediction. What is allowed grows with the way, not
-with time: scale factor and gyro drift spoil a chord in proportion to it, and a parked car's fix may
-not wander however long it stands.
+Odometer and gyro tell the shape of a way, not where it leads. That is taken from fixes believed
+earlier: from one far enough back that the chord to the reference tells a direction, and near enough
+that the gyro's drift does not matter. Where there is none, two distances are compared, which shows
+less: a fix may then lie anywhere on a circle. The azimuth of the filter would tell the direction,
+too, but so the verdicts hang on samples and fixes alone, are the same in all forms of a filter, and
+stay right where the filter has run away and its own prediction refuses good fixes.
+
+What is allowed grows with the way, not with time: scale factor and gyro drift spoil a reckoned way
+in proportion to it, and a parked car's fix may not wander however long it stands.
 """
 
 from typing import NamedTuple
@@ -27,6 +30,18 @@ from navlearn.states import FixTiming, GnssFix
 SILENCE = 1e-6
 """Time without an odometer between two fixes, s, beyond which nothing tells how far they are
 apart."""
+
+SHORTEST = 30.0
+"""Shortest chord between believed fixes that tells a direction, m."""
+
+TIMES = 2.0
+"""How much longer it is at least than the way that it directs."""
+
+OLDEST = 20.0
+"""How much older than the other its first fix may be, s."""
+
+MEMORY = 32
+"""How many believed fixes before the last are looked at for it."""
 
 
 class Carriage(NamedTuple):
@@ -100,21 +115,41 @@ class _Seen(NamedTuple):
     lon: np.ndarray
     per_lat: np.ndarray
     per_lon: np.ndarray
-    x: np.ndarray
-    y: np.ndarray
+    at: np.ndarray
+    reckoned: np.ndarray
     way: np.ndarray
     silent: np.ndarray
 
-    def contradiction(self, a: np.ndarray | int, b: np.ndarray | int) -> np.ndarray:
-        """Return by how much the distance between fixes differs from what was reckoned, m."""
+    def moved(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """Return how fixes have moved, m, east the real part and north the imaginary."""
         around = (self.lon[b] - self.lon[a] + np.pi) % (2.0 * np.pi) - np.pi
-        north = (self.lat[b] - self.lat[a]) * self.per_lat[b]
-        moved = np.hypot(around * self.per_lon[b], north)
-        reckoned = np.hypot(self.x[b] - self.x[a], self.y[b] - self.y[a])
-        return np.asarray(np.abs(moved - reckoned))
+        return np.asarray(
+            around * self.per_lon[b] + 1j * (self.lat[b] - self.lat[a]) * self.per_lat[b]
+        )
 
-    def allowed(self, gate: GateOptions, a: np.ndarray | int, b: np.ndarray | int) -> np.ndarray:
-        """Return by how much it may differ, m."""
+    def contradiction(self, a: np.ndarray, b: np.ndarray, base: np.ndarray) -> np.ndarray:
+        """Return how far fixes ``b`` are from where they were reckoned from fixes ``a``, m.
+
+        ``base`` are the fixes that direct the way, −1 for none.
+        """
+        moved, reckoned = self.moved(a, b), self.reckoned[b] - self.reckoned[a]
+        first = np.where(base >= 0, base, a)
+        turned = self.moved(first, a) * np.conj(self.reckoned[a] - self.reckoned[first])
+        size = np.abs(turned)
+        directed = (base >= 0) & (size > 0.0)
+        turn = np.where(directed, turned / np.where(directed, size, 1.0), 0.0)
+        circle = np.abs(np.abs(moved) - np.abs(reckoned))
+        return np.asarray(np.where(directed, np.abs(moved - turn * reckoned), circle))
+
+    def directs(self, j: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """Return whether the way from ``j`` to ``a`` tells where that from ``a`` to ``b`` leads."""
+        far = np.abs(self.reckoned[a] - self.reckoned[j])
+        need = np.maximum(SHORTEST, TIMES * np.abs(self.reckoned[b] - self.reckoned[a]))
+        young = self.at[a] - self.at[j] <= OLDEST
+        return np.asarray((far >= need) & young & (self.silent[a] - self.silent[j] <= SILENCE))
+
+    def allowed(self, gate: GateOptions, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """Return how far they may be, m."""
         limit = gate.motion_limit + gate.motion_growth * (self.way[b] - self.way[a])
         return np.where(self.silent[b] - self.silent[a] > SILENCE, np.inf, limit)
 
@@ -122,7 +157,7 @@ class _Seen(NamedTuple):
 def _antenna(
     row: list[np.ndarray], arm: tuple[float, float], index: np.ndarray, delay: np.ndarray
 ) -> tuple[np.ndarray, ...]:
-    """Return the reckoned antenna, the way and the odometer's silence so far, at times of fixes."""
+    """Return times of fixes, and then the reckoned antenna, the way and the odometer's silence."""
     dt, rate, speed, told = row
     # a fix may be older than the first sample: the car came as it goes on
     before = (OLDEST_FIX, 0.0, speed[0], told[0])
@@ -142,8 +177,8 @@ def _antenna(
     at = time[index + 2] - delay
     azimuth, x, y, way, silent = (np.interp(at, time, channel) for channel in channels)
     right, forward = arm
-    sine, cosine = np.sin(azimuth), np.cos(azimuth)
-    return x + right * cosine + forward * sine, y - right * sine + forward * cosine, way, silent
+    antenna = x + 1j * y + (right + 1j * forward) * np.exp(-1j * azimuth)
+    return at, antenna, way, silent
 
 
 def _summed(x: np.ndarray) -> np.ndarray:
@@ -152,26 +187,44 @@ def _summed(x: np.ndarray) -> np.ndarray:
 
 def _refused(gate: GateOptions, seen: _Seen) -> list[float]:
     count = len(seen.lat)
-    refused = [0.0] * count
+    later = np.arange(1, count)
     if gate.motion_reference == "none":
-        still = seen._replace(x=0.0 * seen.x, y=0.0 * seen.y, way=0.0 * seen.way)
-        return _beyond(gate, still._replace(silent=0.0 * seen.silent), refused)
-    beyond = np.array(_beyond(gate, seen, refused))
-    if not beyond.any():
-        return refused
-    # up to the first refusal, the fix before is the last believed
-    reference, waited = int(beyond.argmax()) - 1, 0
-    for k in range(reference + 1, count):
-        wild = not seen.contradiction(reference, k) <= seen.allowed(gate, reference, k)
-        if wild and waited < gate.reset_after:
+        moved = np.abs(seen.moved(later - 1, later))
+        return [0.0, *(~(moved <= gate.motion_limit)).astype(float).tolist()]
+    base = _latest_base(seen, later)
+    wild = ~(seen.contradiction(later - 1, later, base) <= seen.allowed(gate, later - 1, later))
+    if not wild.any():
+        return [0.0] * count
+    # up to the first refusal, all fixes before are believed
+    return _in_turn(gate, seen, int(wild.argmax()) + 1)
+
+
+def _latest_base(seen: _Seen, later: np.ndarray) -> np.ndarray:
+    """Return which fix directs the way from each fix to the next, −1 for none."""
+    base = np.full(len(later), -1)
+    for lag in range(1, MEMORY + 1):
+        first = later - 1 - lag
+        here = (first >= 0) & (base < 0)
+        here &= seen.directs(np.maximum(first, 0), later - 1, later)
+        base[here] = first[here]
+    return base
+
+
+def _in_turn(gate: GateOptions, seen: _Seen, start: int) -> list[float]:
+    """Return which fixes are refused, one after another; all before ``start`` are believed."""
+    refused = [0.0] * len(seen.lat)
+    past, waited = list(range(start)), 0
+    for k in range(start, len(seen.lat)):
+        a, b = np.array(past[-1]), np.array(k)
+        tried = np.array(past[-2 : -2 - MEMORY : -1], dtype=int)
+        able = tried[seen.directs(tried, a, b)] if len(tried) > 0 else tried
+        base = able[0] if len(able) > 0 else np.array(-1)
+        near = bool(seen.contradiction(a, b, base) <= seen.allowed(gate, a, b))
+        if near:
+            past.append(k)
+            waited = 0
+        elif waited < gate.reset_after:
             refused[k], waited = 1.0, waited + 1
         else:
-            reference, waited = k, 0
+            past, waited = [k], 0
     return refused
-
-
-def _beyond(gate: GateOptions, seen: _Seen, refused: list[float]) -> list[float]:
-    """Return which fixes contradict the ones before them."""
-    later = np.arange(1, len(refused))
-    wild = ~(seen.contradiction(later - 1, later) <= seen.allowed(gate, later - 1, later))
-    return [0.0, *wild.astype(float).tolist()]

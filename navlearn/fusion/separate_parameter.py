@@ -61,6 +61,7 @@ def separate_parameter(
             f"separate parameter: runs of {len(raw.end)} and {len(less.end)} blocks; expected "
             "two runs over one drive, with blocks that end at the same samples"
         )
+    # neither resets nor outliers tell a parameter
     accepted = int(Verdict.ACCEPTED)
     fine = (raw.verdict == accepted) & (less.verdict == accepted)
     used = model.rows.spread(fine) & torch.isfinite(raw.innovation + less.innovation)

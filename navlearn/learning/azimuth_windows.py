@@ -17,7 +17,7 @@ from navlearn.fusion.error_state import ERROR_UNITS
 from navlearn.fusion.filter_model import FilterModel, difference
 from navlearn.fusion.ground_velocity import BlockEnd
 from navlearn.fusion.history import FilterHistory
-from navlearn.fusion.measurements import Kind, Verdict
+from navlearn.fusion.measurements import Kind, refused
 from navlearn.fusion.sensor_errors import odometer_acceleration
 from navlearn.states import FixTiming, GnssFix, RissSample
 
@@ -103,8 +103,8 @@ def courses(
     at = history.fix.clamp(min=0)
     v_e, v_n = fixes.v_e[at], fixes.v_n[at]
     odometer, rate = samples.speed[history.end], samples.yaw_rate[history.end]
-    refused = history.verdict[:, Kind.VELOCITY] == int(Verdict.REFUSED_BY_GATE)
-    there = (history.fix >= 0) & (fixes.has_velocity[at] > 0.5) & ~refused
+    out = refused(history.verdict[:, Kind.VELOCITY])
+    there = (history.fix >= 0) & (fixes.has_velocity[at] > 0.5) & ~out
     there = there & (torch.minimum(torch.hypot(v_e, v_n), odometer) > slowest)
     right, forward, _ = model.options.lever_arm
     swing = torch.atan2(-rate * forward, odometer + rate * right)

@@ -8,18 +8,16 @@ satellite disagrees with the solution of all, and that is what a solution from f
 ranges less their residuals give any subset of satellites the solution of the whole.
 """
 
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
 from navlearn.errors import ShapeError
-from navlearn.fusion.measurements import Verdict
+from navlearn.fusion.measurements import believed
 from navlearn.fusion.tight.history import TightHistory
 from navlearn.gnss.sight import sight
 from navlearn.states import InsState, SatelliteRanges, Trajectory
-
-TOOK_PART: Final = (int(Verdict.ACCEPTED), int(Verdict.ACCEPTED_BY_RESET))
 
 
 class RangeRecord(NamedTuple):
@@ -81,8 +79,7 @@ def range_record(history: TightHistory, ranges: SatelliteRanges, t: Tensor) -> R
 
     position, velocity = _motion(history.trajectory, history.end[block])
     seen = sight(*position, ranges.satellite[reception])
-    verdict = history.verdict[block][:, :slots]
-    taken = heard & ((verdict == TOOK_PART[0]) | (verdict == TOOK_PART[1]))
+    taken = heard & believed(history.verdict[block][:, :slots])
     along = (seen.unit * velocity.unsqueeze(-2)).sum(-1)
     return RangeRecord(
         t=t[reception],

@@ -18,7 +18,7 @@ from navlearn.fusion.checks import (
     check_shapes,
     warn_of_refusals,
 )
-from navlearn.fusion.measurements import Verdict
+from navlearn.fusion.measurements import Verdict, refused
 from navlearn.fusion.tight.bounds import check_ranges
 from navlearn.fusion.tight.history import TightHistory
 from navlearn.fusion.tight.model import TightModel
@@ -123,8 +123,8 @@ def check_tight_history(
         ("range rates", history.verdict[..., count:]),
     ):
         seen = int((verdict != int(Verdict.ABSENT)).sum())
-        refused = int((verdict == int(Verdict.REFUSED_BY_GATE)).sum())
-        if seen >= WARN_AT_LEAST and refused > WARN_REFUSED * seen:
+        out = int(refused(verdict).sum())
+        if seen >= WARN_AT_LEAST and out > WARN_REFUSED * seen:
             warnings.warn(
                 f"tight filter: the gate refused more than {WARN_REFUSED:.0%} of the {name}; the "
                 "range noise is too small for this log, or corrections, clock or start are wrong: "

@@ -13,9 +13,11 @@ from torch import Tensor
 
 from navlearn.filters.ekf import projected
 from navlearn.filters.tight_belief import TightBelief, map_tree
+from navlearn.fusion.gated_pass import same_said
 from navlearn.fusion.gating import Judged, nis_by_kind
 from navlearn.fusion.gating_over_time import judged_over_time
-from navlearn.fusion.measurements import Verdict
+from navlearn.fusion.integrity import position_faults
+from navlearn.fusion.measurements import Verdict, believed
 from navlearn.fusion.tight.integrity import (
     Hypothesis,
     RangesJudged,
@@ -49,7 +51,7 @@ class Said(NamedTuple):
 
 
 def same(said: Said, other: Said, nearly: float) -> bool:
-    """Return whether the same is believed: verdicts alike, and clocks set alike.
+    """Return whether the same is believed: verdicts and weights alike, and clocks set alike.
 
     Args:
         said: What is believed.
@@ -57,9 +59,8 @@ def same(said: Said, other: Said, nearly: float) -> bool:
         nearly: By how much clocks may be set differently, m or m/s.
     """
     alike = (said.ranges.verdict == other.ranges.verdict).all()
-    alike = alike & (said.own.verdict == other.own.verdict).all()
     moved = (said.ranges.anew.shift - other.ranges.anew.shift).abs().amax()
-    return bool(alike & (moved <= nearly))
+    return bool(alike & (moved <= nearly)) and same_said(said.own, other.own)
 
 
 def ranges_judged_over_time(
@@ -116,19 +117,13 @@ def own_judged_over_time(
     vehicle, n = model.vehicle, model.first_clock
     _, spread = projected(prior.covariance[..., :n, :n], own.observation)
     nis = nis_by_kind(vehicle, own, own.innovation, spread)
+    faults = position_faults(vehicle.gate, vehicle.rows, own)
     if vehicle.anchor is None:
-        return judged_over_time(vehicle, nis, own.present, refused)
+        return judged_over_time(vehicle, nis, own.present, refused, faults=faults)
     vouched, unheard = vouching(model, own, ranges)
-    return judged_over_time(vehicle, nis, own.present, refused, vouched=vouched, unheard=unheard)
-
-
-def believed(verdict: Tensor) -> Tensor:
-    """Return whether measurements were accepted, by reset or without.
-
-    Args:
-        verdict: Codes, shape (...).
-    """
-    return (verdict == int(Verdict.ACCEPTED)) | (verdict == int(Verdict.ACCEPTED_BY_RESET))
+    return judged_over_time(
+        vehicle, nis, own.present, refused, faults=faults, vouched=vouched, unheard=unheard
+    )
 
 
 def _of_plain(scene: Scene, plain: Hypothesis, before: Tensor) -> RangesJudged:

@@ -13,8 +13,10 @@ from navlearn.filters.chunks import Filtered
 from navlearn.filters.ekf import symmetrized
 from navlearn.filters.information_scan import InformationSteps, filter_information
 from navlearn.filters.tight_belief import TightBelief, map_tree
+from navlearn.fusion.gated_pass import UNROLLED, everything_believed
 from navlearn.fusion.gating import Judged
 from navlearn.fusion.measurements import Verdict
+from navlearn.fusion.robust import weights
 from navlearn.fusion.tight.fast_gate import (
     Said,
     own_judged_over_time,
@@ -110,6 +112,8 @@ def filtered_behind_ranges(
     """
     used = _first_said(model, start, linear) if said is None else said
     zero = torch.zeros_like(linear.shift[:, 0])
+    gate, rows = model.vehicle.gate, model.vehicle.rows
+    unrolled = UNROLLED if gate.weighs and torch.is_grad_enabled() else 0
     while True:
         set_by = torch.nn.functional.pad(used.ranges.anew.shift, (model.first_clock, 0))
         extra = torch.diag_embed(used.opened)
@@ -126,6 +130,11 @@ def filtered_behind_ranges(
             prior_covariance=filtered.prior_covariance - extra,
         )
         new, found, own = _judged(model, start, linear, filtered)
+        if unrolled > 0:
+            unrolled -= 1
+            weight = weights(gate, rows, new.own.nis, used.own.verdict)
+            used = used._replace(own=used.own._replace(weight=weight))
+            continue
         rounds -= 1
         done = BehindRanges(filtered, found, own, new, used)
         if rounds <= 0 or done.reproduced:
@@ -205,6 +214,4 @@ def _first_said(model: TightModel, start: TightBelief[Any], linear: Linear) -> S
     covariance = with_surprise(torch.diag_embed(rough), antenna)
     patient = start.refused.new_zeros((*rough.shape[:2], found.present.shape[-1] + 2))
     ranges = judged_ranges(model, found, covariance, patient)
-    verdict = (own.present > 0.5).to(torch.int64) * int(Verdict.ACCEPTED)
-    heard = Judged(torch.zeros_like(own.present), verdict, torch.zeros_like(own.present))
-    return _said(model, ranges, heard, own)
+    return _said(model, ranges, everything_believed(model.vehicle, own.present), own)

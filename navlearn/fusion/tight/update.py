@@ -8,7 +8,8 @@ from torch import Tensor
 from navlearn.filters.ekf import projected, update
 from navlearn.filters.tight_belief import TightBelief
 from navlearn.fusion.gating import Judged, judged, nis_by_kind, taken
-from navlearn.fusion.measurements import Verdict
+from navlearn.fusion.integrity import position_faults
+from navlearn.fusion.measurements import Verdict, believed
 from navlearn.fusion.tight.anew import told_by_clock
 from navlearn.fusion.tight.integrity import RangesJudged, judged_ranges
 from navlearn.fusion.tight.model import TightModel
@@ -131,18 +132,20 @@ def own_judged(
     vehicle, w = model.vehicle, own.observation.shape[-1]
     _, spread = projected(covariance[..., :w, :w], own.observation)
     nis = nis_by_kind(vehicle, own, own.innovation, spread)
+    faults = position_faults(vehicle.gate, vehicle.rows, own)
     refused = prior.vehicle.refused
     if vehicle.anchor is None:
-        return judged(vehicle, nis, own.present, refused)
+        return judged(vehicle, nis, own.present, refused, faults=faults)
     vouched, unheard = vouching(model, own, ranges)
     held = torch.where(
         vouched.unsqueeze(-1), refused.clamp(max=vehicle.gate.reset_after - 1), refused
     )
-    said = judged(vehicle, nis, own.present, held)
+    said = judged(vehicle, nis, own.present, held, faults=faults)
     return Judged(
         said.nis,
         torch.where(unheard, int(Verdict.REFUSED_BY_GATE), said.verdict),
         torch.where(unheard, held, said.refused),
+        said.weight,
     )
 
 
@@ -159,8 +162,7 @@ def vouching(model: TightModel, own: Measured, ranges: RangesJudged) -> tuple[Te
         are not listened to because position begins anew, bool, shape (..., kinds).
     """
     vehicle = model.vehicle
-    fine = ranges.verdict[..., : ranges.verdict.shape[-1] // 2]
-    fine = (fine == int(Verdict.ACCEPTED)) | (fine == int(Verdict.ACCEPTED_BY_RESET))
+    fine = believed(ranges.verdict[..., : ranges.verdict.shape[-1] // 2])
     company = torch.zeros_like(own.present, dtype=torch.bool)
     for kind in (vehicle.anchor, *vehicle.company):
         if kind is not None:
@@ -185,11 +187,9 @@ def stacked_rows(
     Returns:
         Rows in error states and surprises; refused ones are blank.
     """
-    heard = taken(model.vehicle, own, said.verdict)
+    heard = taken(model.vehicle, own, said.verdict, said.weight)
     further = found.observation.shape[-1] - heard.observation.shape[-1]
-    keep = (ranges.verdict == int(Verdict.ACCEPTED)) | (
-        ranges.verdict == int(Verdict.ACCEPTED_BY_RESET)
-    )
+    keep = believed(ranges.verdict)
     left = found.innovation - told_by_clock(model, found, ranges.anew.shift)
     H = torch.where(keep.unsqueeze(-1), found.observation, 0.0)
     own_rows = torch.nn.functional.pad(heard.observation, (0, further))
