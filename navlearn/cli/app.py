@@ -12,6 +12,7 @@ import typer
 from typer.core import TyperGroup
 
 import navlearn
+from navlearn.cli.allan import allan
 from navlearn.cli.check import check
 from navlearn.cli.evaluate import evaluate
 from navlearn.cli.export import export
@@ -20,6 +21,7 @@ from navlearn.cli.predict import predict
 from navlearn.cli.run import run
 from navlearn.cli.simulate import simulate
 from navlearn.cli.train import train
+from navlearn.cli.tune import tune
 from navlearn.errors import NavlearnError
 
 REFUSED = 2
@@ -29,7 +31,7 @@ failed."""
 INTERRUPTED = 130
 """Exit code after Ctrl-C, as shells have it."""
 
-GOES_ON = ("run", "evaluate")
+GOES_ON = ("run", "tune", "evaluate")
 """Commands that keep what they have finished."""
 
 
@@ -83,7 +85,7 @@ def _options(
     """Take the options that stand before the command."""
 
 
-for _command in (check, simulate, methods, run, train, evaluate, export, predict):
+for _command in (check, allan, simulate, methods, run, train, tune, evaluate, export, predict):
     app.command()(_command)
 
 

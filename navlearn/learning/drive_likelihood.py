@@ -1,5 +1,6 @@
 """A drive made ready to be judged again and again by filters that differ in their noise."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import torch
@@ -39,12 +40,32 @@ class TuningDrive(NamedTuple):
         samples: Intervals, shape (T,) each.
         fixes: Its fixes, shape (M,) each.
         timing: Where they fall, shape (M,) each.
+        lever_arm: Antenna from the point that navigates, body RFU, m; None for the filter's own.
+        vertical_velocity: Whether its fixes tell how the car climbs; None for what the filter's
+            options say.
     """
 
     name: str
     samples: RissSample
     fixes: GnssFix
     timing: FixTiming
+    lever_arm: tuple[float, float, float] | None = None
+    vertical_velocity: bool | None = None
+
+
+def of_drive(options: EkfOptions, drive: TuningDrive) -> EkfOptions:
+    """Return a filter's options with what belongs to a drive and not to the filter.
+
+    Args:
+        options: The filter.
+        drive: Tells lever arm and vertical velocity.
+    """
+    arm, told = drive.lever_arm, drive.vertical_velocity
+    return replace(
+        options,
+        lever_arm=options.lever_arm if arm is None else arm,
+        vertical_velocity=options.vertical_velocity if told is None else told,
+    )
 
 
 class Held(NamedTuple):
@@ -94,7 +115,7 @@ class DriveLikelihood:
         Raises:
             LogError: The drive cannot be aligned, or has hardly any fix afterwards.
         """
-        self.name = drive.name
+        self.name, options = drive.name, of_drive(options, drive)
         try:
             aligned = align_riss(
                 drive.samples, drive.fixes, drive.timing, alignment or AlignmentOptions()

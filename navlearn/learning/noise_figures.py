@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from navlearn.learning.noise_objective import NoiseObjective
+from navlearn.learning.noise_parameters import unit_of
 
 STEP = 0.03
 """Step of the differences that give curvature and slopes, in the logarithm."""
@@ -25,6 +26,7 @@ class ParameterFigure:
 
     Attributes:
         name: Its name.
+        unit: Its unit.
         before: Value at the start.
         after: Value found.
         curvature: Second derivative of minus the log-likelihood by its logarithm, nats.
@@ -33,6 +35,7 @@ class ParameterFigure:
     """
 
     name: str
+    unit: str
     before: float
     after: float
     curvature: float
@@ -71,6 +74,7 @@ def parameter_figures(objective: NoiseObjective, logs: Tensor) -> tuple[Paramete
     return tuple(
         ParameterFigure(
             name=name,
+            unit=unit_of(name),
             before=float(torch.exp(before[i])),
             after=float(torch.exp(logs[i])),
             curvature=float(curvature[i, i]),

@@ -6,18 +6,34 @@ The vector holds natural logarithms, so that a step is a factor and nothing turn
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from typing import Any
+from typing import Any, Final
 
 import torch
 from torch import Tensor
 
 from navlearn.errors import ConfigError
 from navlearn.filters.belief import Belief
-from navlearn.fusion.error_state import error_layout
+from navlearn.fusion.error_state import ERROR_UNITS, error_layout
 from navlearn.fusion.measurements import Kind, measurement_rows
 from navlearn.fusion.noise import EkfNoise, log_noise, noise_from_log
 from navlearn.fusion.noise_options import NoiseOptions
 from navlearn.fusion.options import EkfOptions
+
+UNITS: Final[dict[str, str]] = {
+    "gyro_random_walk": "rad/√s",
+    "turn_noise": "√s",
+    "gyro_bias_walk": "rad/s/√s",
+    "speed_scale_walk": "1/√s",
+    "pitch_bias_walk": "rad/√s",
+    **dict.fromkeys(("position_walk", "height_walk", "hill_walk"), "m/√s"),
+    "velocity_walk": "m/s/√s",
+    "acceleration_walk": "m/s²/√s",
+    **dict.fromkeys(("position_floor", "height_floor"), "m"),
+    **dict.fromkeys(("velocity_floor", "speed_noise", "zero_speed"), "m/s"),
+    **dict.fromkeys(("position_inflation", "velocity_inflation"), "1"),
+    "zero_yaw_rate": "rad/s",
+}
+"""Units of noise entries, by name."""
 
 INITIAL = "initial."
 """What names of initial deviations begin with."""
@@ -49,6 +65,17 @@ def default_names(options: EkfOptions) -> tuple[str, ...]:
         Names, without those whose value is zero.
     """
     return tuple(name for name in _used(options) if getattr(options.noise, name) > 0.0)
+
+
+def unit_of(name: str) -> str:
+    """Return the unit of an entry.
+
+    Args:
+        name: As :func:`known_names` tells it.
+    """
+    if name.startswith(INITIAL):
+        return ERROR_UNITS[name.removeprefix(INITIAL).replace(".", "_")]
+    return UNITS[name]
 
 
 def _used(options: EkfOptions) -> tuple[str, ...]:

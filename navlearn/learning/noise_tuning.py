@@ -218,6 +218,7 @@ def _fingerprint(drives: Sequence[TuningDrive], options: EkfOptions, tuning: Tun
         settings.pop(name)
     digest.update(repr((asdict(options), settings)).encode())
     for drive in drives:
+        digest.update(repr((drive.lever_arm, drive.vertical_velocity)).encode())
         for part in (*drive.samples, *drive.fixes, *drive.timing):
             digest.update(repr(tuple(part.shape)).encode())
             digest.update(part.contiguous().numpy().tobytes())

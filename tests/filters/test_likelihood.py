@@ -52,7 +52,7 @@ def test_rows_one_after_another_make_the_joint_density() -> None:
     left = total[2:, 2:] - total[2:, :2] @ np.linalg.solve(total[:2, :2], total[:2, 2:])
     theirs = stats.multivariate_normal(mean, left).logpdf(nu[2:])
     ours = gaussian_log_density(
-        white.square[2:].sum(), white.log_variance[2:].sum(), torch.tensor(2.0)
+        white.square[2:].sum(), white.log_variance[2:].sum(), torch.tensor(2.0, dtype=torch.float64)
     )
     assert float(ours) == pytest.approx(theirs, abs=1e-12)
 

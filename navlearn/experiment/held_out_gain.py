@@ -1,0 +1,80 @@
+"""What a tuned filter gains on held-out data, with an interval, and whether to take it."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from navlearn.learning.held_out import HeldOutScores
+from navlearn.outages.bootstrap import resampled_sums, tail_probability
+
+
+@dataclass(frozen=True, kw_only=True)
+class HeldOutGain:
+    """Log-likelihood per second of held-out data, tuned against untuned.
+
+    Attributes:
+        before: Untuned, nats per second.
+        after: Tuned, nats per second.
+        low: Lower end of the interval of 95 % of their difference.
+        high: Upper end.
+        windows: How many windows were drawn from.
+        seconds: Length of the held-out data, s.
+    """
+
+    before: float
+    after: float
+    low: float
+    high: float
+    windows: int
+    seconds: float
+
+    @property
+    def gain(self) -> float:
+        """Tuned minus untuned, nats per second."""
+        return self.after - self.before
+
+    @property
+    def recommended(self) -> bool:
+        """Whether the tuned filter is clearly the better one."""
+        return self.low > 0.0
+
+    @property
+    def verdict(self) -> str:
+        """The same in words."""
+        told = (
+            f"held-out log-likelihood {self.before:.3f} -> {self.after:.3f} nats/s, "
+            f"{self.gain:+.3f} ({self.low:+.3f} to {self.high:+.3f}, 95 %, {self.windows} windows)"
+        )
+        if self.recommended:
+            return f"recommended: {told}"
+        if math.isnan(self.low):
+            return f"not recommended: too little is held out to tell: {told}"
+        worse = "worse" if self.high < 0.0 else "no clear gain"
+        return f"not recommended: {worse}: {told}"
+
+
+def held_out_gain(scores: HeldOutScores, *, seed: int = 0) -> HeldOutGain:
+    """Return the gain with an interval from bootstrap draws of windows.
+
+    Args:
+        scores: What both filters foretold.
+        seed: Of the draws.
+    """
+    old, new, seconds = (values.numpy() for values in (scores.before, scores.after, scores.seconds))
+    total, count = float(seconds.sum()), len(seconds)
+    low = high = math.nan
+    if count >= 2:
+        columns = np.stack([new - old, seconds], axis=1)
+        sums = resampled_sums(columns, np.arange(count), seed=seed)
+        tail = 100.0 * tail_probability(count)
+        ends = np.percentile(sums[:, 0] / sums[:, 1], [tail, 100.0 - tail])
+        low, high = float(ends[0]), float(ends[1])
+    return HeldOutGain(
+        before=float(old.sum()) / total,
+        after=float(new.sum()) / total,
+        low=low,
+        high=high,
+        windows=count,
+        seconds=total,
+    )
