@@ -12,9 +12,10 @@ import torch
 from torch import Tensor
 
 from navlearn.filters.ins_belief import InsBelief, map_ins_belief
+from navlearn.fusion.filters_of import ins_filter
+from navlearn.fusion.ins.drives import Method
 from navlearn.fusion.ins.history import InsHistory
 from navlearn.fusion.ins.layout import ins_layout
-from navlearn.fusion.ins.loosely_coupled import InsEkf, Method
 from navlearn.fusion.ins.options import InsEkfOptions
 from navlearn.fusion.ins.smoothing import SmoothedInsDrive, smooth_ins
 from navlearn.fusion.ins.start import aligned_ins_belief, calibrated
@@ -31,7 +32,8 @@ class InsNavigatorOptions:
     """Choices of a full-IMU navigator.
 
     Attributes:
-        filter: The loosely coupled filter; its lever arm is also that of alignment.
+        filter: The loosely coupled filter, unscented where it names sigma points; its lever arm
+            is also that of alignment.
         alignment: How it is started.
         method: ``fast`` or ``exact`` form of the filter, or its ``sequential`` oracle.
     """
@@ -65,7 +67,7 @@ class InsNavigator:
 
     def __init__(self, options: InsNavigatorOptions | None = None) -> None:
         self.options = options or InsNavigatorOptions()
-        self.ekf = InsEkf(self.options.filter)
+        self.ekf = ins_filter(self.options.filter)
         self.layout = ins_layout(self.options.filter)
 
     def align(

@@ -1,23 +1,22 @@
 """The door through which drives come to a full-IMU filter, and by which histories leave."""
 
 from collections.abc import Callable
-from typing import Literal
 
 from navlearn.errors import ConfigError, ShapeError
 from navlearn.filters.ins_belief import InsBelief, map_ins_belief
 from navlearn.fusion.batch_axis import first, unsqueezed
+from navlearn.fusion.drives import Method as Method
 from navlearn.fusion.ins.checks import check_ins_history, check_ins_inputs
 from navlearn.fusion.ins.history import InsHistory
 from navlearn.fusion.ins.model import InsFilterModel
+from navlearn.fusion.ins.timeline import InsTimeline, ins_timeline
 from navlearn.states import FixTiming, GnssFix, ImuSample, InsState
 
-Method = Literal["exact", "fast", "sequential"]
-
-RunInsFilter = Callable[[InsBelief, ImuSample, GnssFix, FixTiming, Method], InsHistory]
-"""A filter over drives of batch shape (B,), whose inputs have been looked at."""
+RunInsFilter = Callable[[InsBelief, InsTimeline, Method], InsHistory]
+"""A filter over drives in blocks, whose inputs have been looked at."""
 
 
-def filtered_drives(
+def filtered_ins_drives(
     model: InsFilterModel,
     run: RunInsFilter,
     start: InsBelief,
@@ -30,7 +29,7 @@ def filtered_drives(
 
     Args:
         model: The filter.
-        run: Its run over a batch.
+        run: Its run over drives laid out in blocks.
         start: Belief before the first sample, batch shape (B,) or ().
         samples: Samples, shape (B, T) or (T,) each, vectors (B, T, 3) or (T, 3).
         fixes: GNSS solutions, shape (B, M) or (M,) each; M may be 0.
@@ -50,7 +49,7 @@ def filtered_drives(
     if method not in ("exact", "fast", "sequential"):
         raise ConfigError(f"filter: found method {method!r}; choose exact, fast or sequential")
     if samples.dt.dim() == 1:
-        batched = filtered_drives(
+        batched = filtered_ins_drives(
             model,
             run,
             map_ins_belief(start, unsqueezed),
@@ -66,7 +65,7 @@ def filtered_drives(
             "with at least one sample"
         )
     check_ins_inputs(model, start, samples, fixes, timing)
-    history = run(start, samples, fixes, timing, method)
+    history = run(start, ins_timeline(model, samples, fixes, timing), method)
     check_ins_history(model, history, samples)
     return history
 

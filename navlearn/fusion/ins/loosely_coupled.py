@@ -5,16 +5,13 @@ sample and is the oracle; ``exact`` loops over the blocks between updates and co
 of each at once; ``fast`` solves for all blocks at once and iterates.
 """
 
-from typing import Literal
-
 import torch
 from torch import Tensor, nn
 
-from navlearn.errors import ConfigError, ShapeError
-from navlearn.filters.ins_belief import InsBelief, map_ins_belief
-from navlearn.fusion.batch_axis import first, unsqueezed
-from navlearn.fusion.ins.checks import check_ins_history, check_ins_inputs
+from navlearn.filters.ins_belief import InsBelief
 from navlearn.fusion.ins.composed import predict_ins_composed
+from navlearn.fusion.ins.drives import Method as Method
+from navlearn.fusion.ins.drives import filtered_ins_drives
 from navlearn.fusion.ins.fast import run_ins_fast
 from navlearn.fusion.ins.history import InsHistory
 from navlearn.fusion.ins.model import ins_filter_model
@@ -22,10 +19,8 @@ from navlearn.fusion.ins.noise import InsNoise, ins_noise_from_log, log_ins_nois
 from navlearn.fusion.ins.options import InsEkfOptions
 from navlearn.fusion.ins.recursion import InsCarried, end_ins_block, run_ins_loop
 from navlearn.fusion.ins.sequential import predict_ins_in_turn, predict_ins_sample
-from navlearn.fusion.ins.timeline import InsRest, ins_occasion_after, ins_timeline
-from navlearn.states import FixTiming, GnssFix, ImuSample, InsState
-
-Method = Literal["exact", "fast", "sequential"]
+from navlearn.fusion.ins.timeline import InsRest, InsTimeline, ins_occasion_after
+from navlearn.states import FixTiming, GnssFix, ImuSample
 
 
 class InsEkf(nn.Module):
@@ -83,34 +78,27 @@ class InsEkf(nn.Module):
                 (see :mod:`navlearn.fusion.bounds`), or fixes are out of order or range.
             FilterDivergedError: If a state or variance is lost on the way.
         """
-        if method not in ("exact", "fast", "sequential"):
-            raise ConfigError(f"filter: found method {method!r}; choose exact, fast or sequential")
-        if samples.dt.dim() == 1:
-            batched = self.forward(
-                map_ins_belief(start, unsqueezed),
-                ImuSample(*map(unsqueezed, samples)),
-                GnssFix(*map(unsqueezed, fixes)),
-                FixTiming(*map(unsqueezed, timing)),
-                method=method,
-            )
-            return _without_batch(batched)
-        if samples.dt.dim() != 2 or samples.dt.shape[-1] == 0:
-            raise ShapeError(
-                f"filter: samples have shape {tuple(samples.dt.shape)}; expected (B, T) or (T,) "
-                "with at least one sample"
-            )
-        check_ins_inputs(self.model, start, samples, fixes, timing)
-        line = ins_timeline(self.model, samples, fixes, timing)
-        history = None
+        return filtered_ins_drives(self.model, self.over, start, samples, fixes, timing, method)
+
+    def over(self, start: InsBelief, line: InsTimeline, method: Method) -> InsHistory:
+        """Run the filter over drives in blocks that have been looked at.
+
+        Args:
+            start: Belief before the first block, batch shape (B,).
+            line: The drives in blocks.
+            method: Form of the filter, as in :meth:`forward`.
+
+        Returns:
+            History.
+        """
         if method == "fast":
             history = run_ins_fast(self.model, start, line, self.noise)
-        if history is None:
-            in_turn = method == "sequential"
-            predict = predict_ins_in_turn if in_turn else predict_ins_composed
-            name = "sequential" if in_turn else "exact"
-            history = run_ins_loop(self.model, start, line, self.noise, predict, name)
-        check_ins_history(self.model, history, samples)
-        return history
+            if history is not None:
+                return history
+        in_turn = method == "sequential"
+        predict = predict_ins_in_turn if in_turn else predict_ins_composed
+        name = "sequential" if in_turn else "exact"
+        return run_ins_loop(self.model, start, line, self.noise, predict, name)
 
     def step(self, belief: InsBelief, sample: ImuSample) -> InsBelief:
         """Predict one sample, as a car does while driving.
@@ -157,18 +145,3 @@ class InsEkf(nn.Module):
         )
         carried = InsCarried(belief, torch.zeros_like(belief.covariance[..., 0]))
         return end_ins_block(self.model, carried, occasion, self.noise)[1].belief
-
-
-def _without_batch(history: InsHistory) -> InsHistory:
-    return history._replace(
-        end=history.end[0],
-        fix=history.fix[0],
-        prior=map_ins_belief(history.prior, first),
-        belief=map_ins_belief(history.belief, first),
-        trajectory=InsState(*map(first, history.trajectory)),
-        innovation=history.innovation[0],
-        nis=history.nis[0],
-        verdict=history.verdict[0],
-        resets=history.resets[0],
-        error=history.error[0],
-    )

@@ -23,6 +23,7 @@ from navlearn.fusion.ins.smoothing_pass import ins_evidence_of, ins_smoothing_pa
 from navlearn.fusion.ins.timeline import ins_timeline
 from navlearn.fusion.record import starts_of_blocks
 from navlearn.fusion.smoothed_blocks import SmoothingOptions, iterated
+from navlearn.fusion.unscented.ins import InsUkf
 from navlearn.states import FixTiming, GnssFix, ImuSample, InsState
 
 
@@ -49,7 +50,7 @@ class SmoothedInsDrive(NamedTuple):
 
 
 def smooth_ins(
-    ekf: InsEkf,
+    ekf: InsEkf | InsUkf,
     start: InsBelief,
     samples: ImuSample,
     fixes: GnssFix,

@@ -83,7 +83,7 @@ class InsVehicle(GatedVehicle):
         """Return drives in blocks that end where ranges are received; see ``Vehicle``."""
         given = no_fixes(timing) if fixes is None else fixes
         line = ins_timeline(self.model, samples, given, timing)
-        return VehicleLine(line.blocks, line, line.occasion.delay)
+        return ins_vehicle_line(line)
 
     def all_blocks(self, line: VehicleLine) -> InsBlock:
         """Return all blocks, batch shape (B, K)."""
@@ -181,3 +181,12 @@ class InsVehicle(GatedVehicle):
         """Return the causal solution at full rate, batch shape (B, T)."""
         inside = ins_path_in_blocks(self.model, start, after, line.line)
         return ins_trajectory(line.line, inside, after.state)
+
+
+def ins_vehicle_line(line: InsTimeline) -> VehicleLine:
+    """Return a timeline as vehicles have it.
+
+    Args:
+        line: The drives in blocks.
+    """
+    return VehicleLine(line.blocks, line, line.occasion.delay)

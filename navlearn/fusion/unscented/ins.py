@@ -3,7 +3,8 @@
 Points are deviations in the order of the error state; an attitude is turned by a rotation vector
 and told apart by one, so that points may lie anywhere on the sphere of rotations [Crassidis2003].
 ``exact`` draws points at every block's start and carries them through all its samples at once;
-``sequential`` draws them anew at every sample and is the oracle.
+``sequential`` draws them anew at every sample and is the oracle; ``fast`` solves for all blocks at
+once.
 """
 
 from typing import Any
@@ -14,13 +15,15 @@ from torch import Tensor
 from navlearn.errors import ConfigError
 from navlearn.filters.ins_belief import InsBelief
 from navlearn.filters.unscented import UnscentedOptions, sigma_weights
-from navlearn.fusion.ins.drives import Method, filtered_drives
+from navlearn.fusion.ins.drives import Method, filtered_ins_drives
 from navlearn.fusion.ins.history import InsHistory
 from navlearn.fusion.ins.options import InsEkfOptions
 from navlearn.fusion.ins.path import ins_path_in_blocks
 from navlearn.fusion.ins.recursion import InsEnded, ins_history
-from navlearn.fusion.ins.timeline import InsOccasion, InsRest, ins_occasion_after
-from navlearn.fusion.tight.ins_vehicle import InsBlock, InsVehicle
+from navlearn.fusion.ins.timeline import InsOccasion, InsRest, InsTimeline, ins_occasion_after
+from navlearn.fusion.tight.ins_vehicle import InsBlock, InsVehicle, ins_vehicle_line
+from navlearn.fusion.unscented.carry import plain_carry
+from navlearn.fusion.unscented.fast import run_unscented_fast
 from navlearn.fusion.unscented.prediction import predicted_in_turn, rooted
 from navlearn.fusion.unscented.recursion import end_block, run_unscented_loop
 from navlearn.states import FixTiming, GnssFix, ImuSample
@@ -69,7 +72,9 @@ class InsUkf(InsVehicle):
             samples: Samples, shape (B, T) or (T,) each, vectors (B, T, 3) or (T, 3).
             fixes: GNSS solutions, shape (B, M) or (M,) each; M may be 0.
             timing: Where they fall among the samples.
-            method: Form of the filter; ``fast`` answers with ``exact``, as ``history.method`` says.
+            method: Form of the filter; ``fast`` answers with the loop over blocks where its passes
+                do not converge, and for models that preintegration does not compose, as
+                ``history.method`` says.
 
         Returns:
             History; without batch axis where the input had none.
@@ -81,22 +86,30 @@ class InsUkf(InsVehicle):
                 (see :mod:`navlearn.fusion.bounds`), or fixes are out of order or range.
             FilterDivergedError: If a state or variance is lost on the way.
         """
-        return filtered_drives(self.model, self._run, start, samples, fixes, timing, method)
+        return filtered_ins_drives(self.model, self.over, start, samples, fixes, timing, method)
 
-    def _run(
-        self,
-        start: InsBelief,
-        samples: ImuSample,
-        fixes: GnssFix,
-        timing: FixTiming,
-        method: Method,
-    ) -> InsHistory:
-        line = self.laid_out(samples, fixes, timing)
-        in_turn = method == "sequential"
-        ended: Any = run_unscented_loop(self, self.weights, start, line, in_turn=in_turn)
+    def over(self, start: InsBelief, line: InsTimeline, method: Method) -> InsHistory:
+        """Run the filter over drives in blocks that have been looked at.
+
+        Args:
+            start: Belief before the first block, batch shape (B,).
+            line: The drives in blocks.
+            method: Form of the filter, as in :meth:`forward`.
+
+        Returns:
+            History.
+        """
+        whole, passes = ins_vehicle_line(line), 1
+        ended: Any
+        if method == "fast":
+            carry = plain_carry(self)
+            ended, method, passes = run_unscented_fast(self, self.weights, carry, start, whole)
+        else:
+            in_turn = method == "sequential"
+            ended = run_unscented_loop(self, self.weights, start, whole, in_turn=in_turn)
         record = InsEnded(*ended)
-        inside = ins_path_in_blocks(self.model, start, record.belief, line.line)
-        return ins_history(line.line, record, inside, "sequential" if in_turn else "exact", 1)
+        inside = ins_path_in_blocks(self.model, start, record.belief, line)
+        return ins_history(line, record, inside, method, passes)
 
     def step(self, belief: InsBelief, sample: ImuSample) -> InsBelief:
         """Predict one sample, as a car does while driving.
@@ -123,6 +136,7 @@ class InsUkf(InsVehicle):
         delay: Tensor | None = None,
         rest: InsRest | None = None,
         aided: Tensor | None = None,
+        astray: Tensor | None = None,
     ) -> InsBelief:
         """Update with a fix, odometer and axle, standstill, or all at the end of an interval.
 
@@ -133,11 +147,15 @@ class InsUkf(InsVehicle):
             delay: End of the interval minus the fix's time, s, shape (...); None means zero.
             rest: Standstill up to now that has not been used yet; None means none.
             aided: 1.0 where odometer and axle shall be used, shape (...); None means nowhere.
+            astray: 1.0 where the fix has moved otherwise than the car, shape (...), as
+                :class:`navlearn.fusion.motion_watch.MotionWatch` tells; None means nowhere.
 
         Returns:
             Belief after the update, errors fed back.
         """
-        occasion = ins_occasion_after(sample, fix=fix, delay=delay, rest=rest, aided=aided)
+        occasion = ins_occasion_after(
+            sample, fix=fix, delay=delay, rest=rest, aided=aided, astray=astray
+        )
         block = _one_sample(sample, occasion)
         after: InsBelief = end_block(self, self.weights, rooted(belief), block)[0].belief
         return after
