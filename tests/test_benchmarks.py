@@ -23,6 +23,7 @@ SMALLEST = {
     ],
     "mechanization": ["--repeats", "1", "--loop-samples", "100"],
     "pci": ["--repeats", "1", "--windows", "2", "--draws", "2", "--rows", "100", "--seeds", "1"],
+    "ukf": ["--minutes", "1", "--window", "10", "--repeat", "1"],
     "predictor": ["--rows", "20", "--repeats", "1"],
     "preintegration": [
         *("--windows", "4", "--samples", "10", "--repeats", "1", "--seconds", "60"),

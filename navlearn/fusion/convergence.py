@@ -69,7 +69,10 @@ class Passes(Protocol[AnyBelief, Record]):
 
 
 def solved(
-    begin: AnyBelief, passes: Passes[AnyBelief, Record], learning: bool
+    begin: AnyBelief,
+    passes: Passes[AnyBelief, Record],
+    learning: bool,
+    differentiable: int = 2,
 ) -> tuple[Record, int] | None:
     """Run passes until they change nothing.
 
@@ -77,6 +80,7 @@ def solved(
         begin: First guess of the beliefs at which blocks start, batch shape (B, K).
         passes: The passes.
         learning: Whether the record shall carry gradients.
+        differentiable: How many passes then carry them.
 
     Returns:
         The last pass's record and the number of passes, or None where they did not converge or
@@ -93,11 +97,11 @@ def solved(
         if not learning:
             return record, total
         verdict = behind.said
-        for _ in range(2):
+        for _ in range(differentiable):
             # the first block starts where the caller said: that carries its gradient
             begin = passes.starts(record)
             record, behind = passes.run(begin, verdict, 0)
-        total += 2
+        total += differentiable
         with torch.no_grad():
             new = passes.starts(record)
             if behind.reproduced and passes.move(new, begin) < last:

@@ -72,7 +72,9 @@ def run_unscented_fast(
     gone = len(ends)
     if gone < count:
         rest = map_tree(blocks, lambda x: x[:, gone:]) if gone > 0 else blocks
-        found = _solved(vehicle, weights, carry, at.belief, _later(line, gone), rest)
+        later = _later(line, gone)
+        differentiable = 3 if gone > 0 else 2
+        found = _solved(vehicle, weights, carry, at.belief, later, rest, differentiable)
         if found is not None:
             record, passes = found
             return AllAtOnce(_joined(stacked(ends), record) if ends else record, "fast", passes)
@@ -105,6 +107,7 @@ def _solved(
     start: Any,
     line: VehicleLine,
     blocks: Any,
+    differentiable: int,
 ) -> tuple[Ended, int] | None:
     of_vehicle = vehicle.passes(start, line)
     if of_vehicle is None:
@@ -113,7 +116,7 @@ def _solved(
     learning = torch.is_grad_enabled() and _wants_gradient(vehicle, start, line)
     with torch.no_grad():
         begin = passes.roughly(line.line.occasion.fix)
-    found = solved(begin, passes, learning)
+    found = solved(begin, passes, learning, differentiable)
     return None if found is None else (found[0], found[1] + passes.extended)
 
 
