@@ -164,10 +164,11 @@ class InsEkfOptions:
                 choices = ", ".join(map(str, known))
                 raise ConfigError(f"InsEkfOptions.{name}: found {found!r}; choose among {choices}")
         self._check_ranges()
-        if self.gate.tests_motion and self.gate.motion_reference == "odometer" and not self.odometer:
+        gate = self.gate
+        if gate.tests_motion and gate.motion_reference == "odometer" and not self.odometer:
             raise ConfigError(
-                "InsEkfOptions: found gate.motion_limit with motion_reference odometer, and odometer "
-                "false; leave motion_limit out, choose motion_reference none, or use the odometer"
+                "InsEkfOptions: found gate.motion_limit against the odometer, and odometer false; "
+                "leave motion_limit out, choose motion_reference none, or use the odometer"
             )
         for arm in ("lever_arm", "wheel_lever_arm", "mounting"):
             value = getattr(self, arm)
