@@ -131,10 +131,7 @@ class InsVehicle(GatedVehicle):
         wide = for_points(block.samples, batch, points)
         start = moved_belief(for_points(belief, batch, points), deviation)
         end, way = end_of(self.model, start, wide, self.noise)
-        centre = InsState(*(x.narrow(batch, 0, 1).expand_as(x) for x in end.state))
-        rest = state_difference(end.state, centre)[..., 3:]
-        position = deviation[..., :3] + way - way[..., :1, :]
-        return torch.cat((position, rest, end.sensor - end.sensor[..., :1, :]), -1)
+        return apart_from_first(deviation, end.state, way, end.sensor)
 
     def moved_at_start(self, belief: InsBelief, correction: Tensor, block: InsBlock) -> InsBelief:  # noqa: ARG002
         """Return beliefs at the starts of blocks moved by a correction; see ``Vehicle``."""
@@ -190,3 +187,22 @@ def ins_vehicle_line(line: InsTimeline) -> VehicleLine:
         line: The drives in blocks.
     """
     return VehicleLine(line.blocks, line, line.occasion.delay)
+
+
+def apart_from_first(deviation: Tensor, end: InsState, way: Tensor, sensor: Tensor) -> Tensor:
+    """Return how far from the first point others end, positions by the ways they go.
+
+    Args:
+        deviation: Points at the start in the order of the error state, shape (..., P, n).
+        end: States at the end, batch shape (..., P).
+        way: Ways there, east, north, up, m, shape (..., P, 3).
+        sensor: Sensor parameters at the end, shape (..., P, m).
+
+    Returns:
+        Shape (..., P, n).
+    """
+    along = deviation.dim() - 2
+    centre = InsState(*(x.narrow(along, 0, 1).expand_as(x) for x in end))
+    rest = state_difference(end, centre)[..., 3:]
+    position = deviation[..., :3] + way - way[..., :1, :]
+    return torch.cat((position, rest, sensor - sensor[..., :1, :]), -1)

@@ -81,21 +81,33 @@ def riss_carry(vehicle: RissVehicle) -> Carry:
         there = apart_at_ends(model, begin, sums, samples.dt.sum(-1), deviation)
         images, wide = there.deviation, there.left.detach() > LEFT
         if bool(wide.any()):
-            images = _carried_where(vehicle, wide, begin, deviation, blocks, images)
+            images = carried_where(vehicle, wide, begin, deviation, blocks, images)
         return VehicleAhead(end, *linear), images
 
     return carry
 
 
-def _carried_where(
-    vehicle: RissVehicle,
+def carried_where(
+    vehicle: Vehicle[Any],
     wide: Tensor,
-    begin: Belief,
+    begin: Any,
     deviation: Tensor,
-    blocks: RissBlock,
+    blocks: Any,
     short: Tensor,
 ) -> Tensor:
-    """Return points at the ends of blocks, carried over the samples where they stand wide apart."""
+    """Return points at the ends of blocks, carried over the samples where they stand wide apart.
+
+    Args:
+        vehicle: The vehicle.
+        wide: Where they do, bool, shape (B, K).
+        begin: Beliefs at the starts of blocks, batch shape (B, K).
+        deviation: Points about them, shape (B, K, P, n).
+        blocks: The blocks, batch shape (B, K).
+        short: Points at the ends as sums tell them, shape (B, K, P, n).
+
+    Returns:
+        Shape (B, K, P, n).
+    """
     some = map_tree((begin, deviation, blocks), lambda x: x[wide].unsqueeze(0))
     carried = carried_in_parts(vehicle, *some)[0]
     return short.index_put(torch.nonzero(wide, as_tuple=True), carried)

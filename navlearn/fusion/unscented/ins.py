@@ -15,6 +15,8 @@ from torch import Tensor
 from navlearn.errors import ConfigError
 from navlearn.filters.ins_belief import InsBelief
 from navlearn.filters.unscented import UnscentedOptions, sigma_weights
+from navlearn.fusion.ins import fast as ins_fast
+from navlearn.fusion.ins.composed import has_closed_form
 from navlearn.fusion.ins.drives import Method, filtered_ins_drives
 from navlearn.fusion.ins.history import InsHistory
 from navlearn.fusion.ins.options import InsEkfOptions
@@ -22,8 +24,10 @@ from navlearn.fusion.ins.path import ins_path_in_blocks
 from navlearn.fusion.ins.recursion import InsEnded, ins_history
 from navlearn.fusion.ins.timeline import InsOccasion, InsRest, InsTimeline, ins_occasion_after
 from navlearn.fusion.tight.ins_vehicle import InsBlock, InsVehicle, ins_vehicle_line
-from navlearn.fusion.unscented.carry import plain_carry
+from navlearn.fusion.tight.passes import InsPasses
+from navlearn.fusion.tight.vehicle import VehicleLine
 from navlearn.fusion.unscented.fast import run_unscented_fast
+from navlearn.fusion.unscented.ins_carry import ins_carry
 from navlearn.fusion.unscented.prediction import predicted_in_turn, rooted
 from navlearn.fusion.unscented.recursion import end_block, run_unscented_loop
 from navlearn.states import FixTiming, GnssFix, ImuSample
@@ -102,7 +106,7 @@ class InsUkf(InsVehicle):
         whole, passes = ins_vehicle_line(line), 1
         ended: Any
         if method == "fast":
-            carry = plain_carry(self)
+            carry = ins_carry(self, self.weights)
             ended, method, passes = run_unscented_fast(self, self.weights, carry, start, whole)
         else:
             in_turn = method == "sequential"
@@ -110,6 +114,12 @@ class InsUkf(InsVehicle):
         record = InsEnded(*ended)
         inside = ins_path_in_blocks(self.model, start, record.belief, line)
         return ins_history(line, record, inside, method, passes)
+
+    def passes(self, start: InsBelief, line: VehicleLine) -> InsPasses | None:
+        """Return the passes of the fast form; None for models that preintegration does not tell."""
+        if not has_closed_form(self.model):
+            return None
+        return _FreshPasses(self.model, start, line.line, self.noise)
 
     def step(self, belief: InsBelief, sample: ImuSample) -> InsBelief:
         """Predict one sample, as a car does while driving.
@@ -159,6 +169,14 @@ class InsUkf(InsVehicle):
         block = _one_sample(sample, occasion)
         after: InsBelief = end_block(self, self.weights, rooted(belief), block)[0].belief
         return after
+
+
+class _FreshPasses(InsPasses):
+    """Passes whose sums need not settle: those of sigma points are summed up at every pass."""
+
+    def move(self, new: InsBelief, old: InsBelief) -> float:
+        """Return how far the worst block's start moved, m."""
+        return ins_fast.largest_move(new, old)
 
 
 def _one_sample(sample: ImuSample, occasion: InsOccasion) -> InsBlock:
