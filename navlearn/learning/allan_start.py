@@ -7,6 +7,8 @@ show: what is not told here stays as it is, and driving is noisier than standing
 from collections.abc import Sequence
 from typing import Literal
 
+import numpy as np
+
 from navlearn.errors import FitError
 from navlearn.learning.tuned_values import TunedValues
 from navlearn.logs.allan.standstill_noise import AxisNoise, StandstillNoise, standstill_noise
@@ -31,7 +33,6 @@ def tuned_by_allan(
 
     Raises:
         LogError: The standstill is too short, or an axis has gaps or always reads the same.
-        FitError: It does not show the white noise of a gyro.
         MissingExtraError: allantools is not installed.
     """
     axes = ("gyro_z",) if sensors == "riss" else (*GYROS, *ACCELEROMETERS)
@@ -47,7 +48,7 @@ def allan_values(found: StandstillNoise, *, sensors: Literal["riss", "imu"]) -> 
         sensors: Whose options.
 
     Raises:
-        FitError: The axes that it needs are not told, or show no white noise.
+        FitError: Axes that it needs are not told.
     """
     needed = ("gyro_z",) if sensors == "riss" else (*GYROS, *ACCELEROMETERS)
     axes = [axis for name in needed if (axis := found.axis(name)) is not None]
@@ -76,6 +77,12 @@ def allan_values(found: StandstillNoise, *, sensors: Literal["riss", "imu"]) -> 
             f"Allan variance of {found.log} from {found.stretch.start:.1f} to "
             f"{found.stretch.stop:.1f} s, standing; driving is noisier",
             *(f"{name}: the standstill is too short to show it; as before" for name in untold),
+            *(
+                f"{axis.axis}: no white noise is shown; what is between samples a second apart "
+                "stands for it"
+                for axis in axes
+                if not axis.terms.white.shown
+            ),
             *(f"{axis.axis}: {note}" for axis in axes for note in axis.notes),
         ),
     )
@@ -83,17 +90,19 @@ def allan_values(found: StandstillNoise, *, sensors: Literal["riss", "imu"]) -> 
 
 def _noise_of(axes: Sequence[AxisNoise], sensor: str) -> dict[str, float]:
     """Return random walk and bias walk of axes that share an option: their root mean squares."""
-    for axis in axes:
-        if not axis.terms.white.shown:
-            raise FitError(
-                f"{axis.axis}: its standstill shows no white noise, so no {sensor}_random_walk: "
-                f"{'; '.join(axis.notes) or 'other noise covers it at all averaging times'}"
-            )
-    noise = {f"{sensor}_random_walk": _root_mean_square([a.terms.white.value for a in axes])}
+    noise = {f"{sensor}_random_walk": _root_mean_square([_random_walk(axis) for axis in axes])}
     walks = [axis.terms.walk.value for axis in axes if axis.terms.walk.shown]
     if walks:
         noise[f"{sensor}_bias_walk"] = _root_mean_square(walks)
     return noise
+
+
+def _random_walk(axis: AxisNoise) -> float:
+    """Return an axis's white noise, or what makes as much over a second where it is not shown."""
+    white = axis.terms.white
+    if white.shown:
+        return white.value
+    return float(np.interp(0.0, np.log(axis.curve.tau), axis.curve.deviation))
 
 
 def _figures(axis: AxisNoise) -> dict[str, int | float]:

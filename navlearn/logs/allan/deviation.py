@@ -107,9 +107,13 @@ def allantools() -> Any:
 
 
 def _noise_exponents(tau: FloatArray, deviation: FloatArray) -> FloatArray:
-    """Return the exponent α of the noise's spectrum f^α at each time: slope of σ² is −α − 1."""
+    """Return the exponent α of the noise's spectrum f^α at each time: slope of σ² is −α − 1.
+
+    Never above white noise, 0: a curve of few degrees of freedom falls steeply by chance, and
+    quantisation would lend it hundreds.
+    """
     if tau.size < 2:
         return np.zeros(tau.size)
     slope = np.gradient(2.0 * np.log(np.maximum(deviation, 1e-300)), np.log(tau))
-    exponents: FloatArray = np.clip(np.rint(-slope - 1.0), -2.0, 1.0)
+    exponents: FloatArray = np.clip(np.rint(-slope - 1.0), -2.0, 0.0)
     return exponents

@@ -107,8 +107,9 @@ def standstill_noise(
             left_out[axis] = str(problem)
             continue
         curve = allan_curve(values, rate, confidence=confidence)
-        notes = (*_steps(values), *_vibration(values, rate))
-        told.append(AxisNoise(axis=axis, curve=curve, terms=noise_terms(curve), notes=notes))
+        terms = noise_terms(curve)
+        notes = (*_steps(values), *_vibration(values, rate), *_misfit(terms))
+        told.append(AxisNoise(axis=axis, curve=curve, terms=terms, notes=notes))
         rates.append(rate)
     if not told:
         raise LogError("; ".join(left_out.values()) or f"{log.metadata.name}: imu has no axis")
@@ -150,4 +151,14 @@ def _vibration(values: FloatArray, rate: float) -> tuple[str, ...]:
         f"a vibration at {frequency[at]:.3g} Hz holds {100.0 * share:.0f} % of the power above "
         f"{LOWEST_LINE:g} Hz, as an idling engine's does: the white noise is the sensor's and the "
         "car's",
+    )
+
+
+def _misfit(terms: NoiseTerms) -> tuple[str, ...]:
+    """Return a note where a curve is not what its terms make of it."""
+    if not terms.foreign:
+        return ()
+    return (
+        f"at {terms.misfit_tau:.3g} s the Allan deviation is {terms.misfit:.2g} times what its "
+        "terms make: something else shakes it or filters it, and the terms are rough",
     )

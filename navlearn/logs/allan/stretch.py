@@ -17,8 +17,12 @@ AXES = (*GYROS, *ACCELEROMETERS)
 LEAST = 30.0
 """Shortest stretch that tells any noise, s."""
 
-GAP = 1.5
-"""Samples further apart than so many periods have one missing between them."""
+GAP = 2.5
+"""Samples further apart than so many periods have some missing between them, whatever the jitter
+of their stamps."""
+
+MISSING = 0.005
+"""Share of samples that may be missing one by one."""
 
 ROCKING = 1.0
 """A car rocks for this long after it stops, and is about to before it starts, s."""
@@ -135,6 +139,12 @@ def axis_samples(log: DriveLog, axis: str, stretch: Stretch) -> tuple[FloatArray
             f"{where} misses samples in {wide.size} places, first for {t[at + 1] - t[at]:.3g} s "
             f"after t = {t[at]:.2f} s; an Allan variance needs all of them: choose a stretch "
             "between gaps (--from, --until)"
+        )
+    lost = round(float(t[-1] - t[0]) / period) + 1 - t.size
+    if lost > MISSING * t.size:
+        raise LogError(
+            f"{where} misses {lost} of {lost + t.size} samples between {stretch.start:g} and "
+            f"{stretch.stop:g} s, one here, one there; an Allan variance needs all of them"
         )
     if np.ptp(values) == 0.0:
         raise LogError(
