@@ -12,6 +12,10 @@ SMALLEST = {
     "ekf": ["--minutes", "1", "--window", "10", "--repeat", "1"],
     "fos": ["--rows", "100", "--repeats", "1", "--draws", "2"],
     "fos_peers": ["--rows", "100", "--repeats", "1", "--noise", "0.3", "--seeds", "1"],
+    "integrity_detection": [
+        *("--seeds", "11", "--seconds", "400", "--kinds", "spike", "none"),
+        *("--ways", "χ² gate", "Huber"),
+    ],
     "ins_alignment": [
         *("--grades", "mems_m", "--seeds", "11", "--kitti", "--windows", "15"),
         *("--duration", "60"),

@@ -25,6 +25,8 @@ from navlearn.fusion.measurements import Kind, Rows, Verdict
 from navlearn.fusion.options import EkfOptions
 from navlearn.fusion.robust import weights
 from navlearn.logs.drive_log import DriveLog
+from navlearn.logs.resample import RissTimeline
+from navlearn.navigator import Navigator, NavigatorRun
 from navlearn.outages.refused_fixes import Judgements
 from navlearn.outages.refused_ranges import RangeJudgements
 from navlearn.outages.refused_report import Refusals
@@ -132,23 +134,25 @@ def refused_by(method: Filtering, log: DriveLog) -> Refusals:
         ins_line, ins_navigator, ins_run = method.runs.run(log, chosen)
         ins = ins_navigator.ekf.model
         gated = _Gated(ins.rows, ins.limits, chosen.gate, InsKind)
-        return Refusals(fixes=judgements(ins_line, ins_run.first, ins_run.history, gated))
+        return Refusals(fixes=_judgements(ins_line, ins_run.first, ins_run.history, gated))
     options = filter_options(method.runs.recipe, method.method, log)
-    line, navigator, run = method.runs.run(log, options)
-    model = navigator.ekf.model
-    gated = _Gated(model.rows, model.limits, options.gate, Kind)
-    return Refusals(fixes=judgements(line, run.first, run.history, gated))
+    return Refusals(fixes=riss_judgements(*method.runs.run(log, options)))
 
 
-def judgements(line: _Line, first: int, history: _History, gated: _Gated) -> Judgements:
-    """Return what a loosely coupled filter made of its measurements.
+def riss_judgements(line: RissTimeline, navigator: Navigator, run: NavigatorRun) -> Judgements:
+    """Return what a loosely coupled filter of one gyro made of its measurements.
 
     Args:
         line: The log as tensors.
-        first: The filter's first interval.
-        history: Its run, from there on.
-        gated: What its verdicts hang on.
+        navigator: What ran.
+        run: Its run.
     """
+    model = navigator.ekf.model
+    gated = _Gated(model.rows, model.limits, navigator.options.filter.gate, Kind)
+    return _judgements(line, run.first, run.history, gated)
+
+
+def _judgements(line: _Line, first: int, history: _History, gated: _Gated) -> Judgements:
     used = line.timing.index >= first
     at = history.fix.clamp(min=0)
     t = line.t[first + history.end]
