@@ -19,8 +19,8 @@ def show_tuned(result: "TuningResult", out: Path) -> None:
         result: The tuning.
         out: The spec's file.
     """
-    if result.figures:
-        _show_figures(result.figures)
+    if result.figures is not None:
+        _show_figures((*result.figures.entries, *result.figures.fixes))
     else:
         _show_values(result.spec.filter)
     for note in result.spec.notes:

@@ -7,7 +7,7 @@ held-out data, and whether to take it.
 import shutil
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -20,7 +20,7 @@ from navlearn.fusion.options import EkfOptions
 from navlearn.learning.allan_start import tuned_by_allan
 from navlearn.learning.difference_tuning import Rule, tuned_by_differences
 from navlearn.learning.held_out import HeldOutStretch, held_out_scores
-from navlearn.learning.noise_figures import ParameterFigure
+from navlearn.learning.noise_figures import NoiseFigures
 from navlearn.learning.noise_options import TuningOptions
 from navlearn.learning.noise_parameters import INITIAL
 from navlearn.learning.noise_tuning import TunedNoise, tune_noise
@@ -42,13 +42,13 @@ class TuningResult:
 
     Attributes:
         spec: The tuned spec.
-        figures: What became of each free entry; nothing for rules, which tell no errors.
+        figures: What became of each free entry; None for rules, which tell no errors.
         held_out: What it gains on held-out data; None where nothing was held out.
         wall: How long it took, judging included, s.
     """
 
     spec: TunedSpec
-    figures: tuple[ParameterFigure, ...]
+    figures: NoiseFigures | None
     held_out: HeldOutGain | None
     wall: float
 
@@ -60,7 +60,7 @@ class _Found:
     filter: dict[str, Any]
     numbers: dict[str, Any]
     notes: list[str]
-    figures: tuple[ParameterFigure, ...] = field(default_factory=tuple)
+    figures: NoiseFigures | None = None
 
 
 def tune_recipe(
@@ -164,19 +164,34 @@ def _overrides(found: TunedNoise) -> dict[str, Any]:
 
 
 def _numbers(found: TunedNoise) -> dict[str, Any]:
+    entries = found.figures.entries
     return {
         "tuned_on_s": round(found.seconds, 1),
         "gain_nats": round(found.gain, 2),
         "steps": found.iterations,
         "converged": int(found.converged),
-        "standard_error_of_logarithm": {one.name: round(one.error, 3) for one in found.figures},
-        "curvature_nats": {one.name: round(one.curvature, 2) for one in found.figures},
+        "standard_error_of_logarithm": {
+            one.name: round(one.error, 3) for one in found.figures.entries
+        },
+        **_of_fixes(found),
+        "curvature_nats": {one.name: round(one.curvature, 2) for one in entries},
+    }
+
+
+def _of_fixes(found: TunedNoise) -> dict[str, Any]:
+    return {
+        f"deviation_of_{one.name}".replace(", ", "_").replace(" ", "_"): {
+            "before": float(f"{one.before:.4g}"),
+            "after": float(f"{one.after:.4g}"),
+            "standard_error_of_logarithm": round(one.error, 3),
+        }
+        for one in found.figures.fixes
     }
 
 
 def _notes(found: TunedNoise) -> list[str]:
     notes = ["noise of largest innovation likelihood; no reference was used"]
-    vague = [one.name for one in found.figures if not one.told]
+    vague = [one.name for one in found.figures.entries if not one.told]
     if vague:
         notes.append(f"the drives could not tell {', '.join(vague)}: the prior holds them")
     if not found.converged:

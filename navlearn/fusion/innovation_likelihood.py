@@ -31,7 +31,7 @@ from navlearn.fusion.updates import Measured, measured
 MOST_PASSES = 30
 """Passes after which frozen verdicts are taken to have no solution."""
 
-CLOSE = 0.02
+CLOSE = 0.1
 """Largest move of a block's start, m, after which two passes with gradients are exact enough."""
 
 
@@ -166,10 +166,10 @@ def foretold(
     if torch.is_grad_enabled():
         with torch.no_grad():
             begin = _converged(model, start, line, noise, begin, said)[0]
+        # the first pass carries what data do to states, the second what states do to the model
         done = linearised_pass(model, start, begin, line, noise, said, 1)
-        for _ in range(2):
-            begin = starts_of_blocks(start, beliefs_of(model, start, line, done).belief)
-            done = linearised_pass(model, start, begin, line, noise, said, 1)
+        begin = starts_of_blocks(start, beliefs_of(model, start, line, done).belief)
+        done = linearised_pass(model, start, begin, line, noise, said, 1)
     else:
         begin, done = _converged(model, start, line, noise, begin, said)
     _, spread = projected(done.behind.filtered.prior_covariance, done.found.observation)

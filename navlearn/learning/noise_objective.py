@@ -25,7 +25,6 @@ class NoiseObjective:
         parameters: What is free.
         options: How innovations are judged, and the prior.
         held: Per drive the verdicts in use, and where blocks start.
-        evaluations: How often the function was asked for.
     """
 
     def __init__(
@@ -39,7 +38,6 @@ class NoiseObjective:
         self.parameters = parameters
         self.options = options
         self.held: tuple[Held, ...] = ()
-        self.evaluations = 0
 
     @property
     def precision(self) -> float:
@@ -72,35 +70,42 @@ class NoiseObjective:
         Args:
             logs: Logarithms, shape (P,).
         """
-        self.evaluations += 1
+        try:
+            return self.with_windows(logs)[0]
+        except FilterDivergedError:
+            return Point(logs, math.inf, torch.zeros_like(logs))
+
+    def with_windows(self, logs: Tensor) -> tuple[Point, Tensor]:
+        """Return the function, and the log-likelihoods of windows of time.
+
+        Args:
+            logs: Logarithms, shape (P,).
+
+        Returns:
+            The function and its gradient; log-likelihoods of the windows of all drives, nats,
+            shape (W,).
+
+        Raises:
+            FilterDivergedError: A filter is lost.
+        """
         pull = logs - self.parameters.start
         value = 0.5 * self.precision * float(pull @ pull)
         gradient = self.precision * pull
-        try:
-            for drive, held in zip(self.drives, self.held, strict=True):
-                total, slope = self._of_drive(drive, held, logs)
-                value, gradient = value - total, gradient - slope
-        except FilterDivergedError:
-            return Point(logs, math.inf, torch.zeros_like(logs))
-        return Point(logs, value, gradient)
+        windows = []
+        for k, drive in enumerate(self.drives):
+            leaf = logs.detach().clone().requires_grad_(True)
+            with torch.enable_grad():
+                by_kind = self._foretold(k, leaf)
+                total = by_kind.sum()
+                (slope,) = torch.autograd.grad(total, leaf)
+            if not bool(torch.isfinite(slope).all()):
+                raise FilterDivergedError(f"{drive.name}: the gradient is not finite")
+            value, gradient = value - float(total.detach()), gradient - slope
+            windows.append(self._in_windows(drive, by_kind.detach()))
+        return Point(logs, value, gradient), torch.cat(windows)
 
-    def _of_drive(self, drive: DriveLikelihood, held: Held, logs: Tensor) -> tuple[float, Tensor]:
-        leaf = logs.detach().clone().requires_grad_(True)
-        with torch.enable_grad():
-            found = drive.foretold(
-                held,
-                self.parameters.noise(leaf),
-                self.parameters.started(drive.start, leaf),
-                self.options.likelihood,
-            )
-            total = found.log_likelihood.sum()
-            (slope,) = torch.autograd.grad(total, leaf)
-        if not bool(torch.isfinite(slope).all()):
-            raise FilterDivergedError(f"{drive.name}: the gradient is not finite")
-        return float(total.detach()), slope
-
-    def windows(self, logs: Tensor) -> Tensor:
-        """Return log-likelihoods of windows of all drives, nats, shape (W,).
+    def likelihood(self, logs: Tensor) -> float:
+        """Return the log-likelihood alone, nats.
 
         Args:
             logs: Logarithms, shape (P,).
@@ -108,17 +113,21 @@ class NoiseObjective:
         Raises:
             FilterDivergedError: A filter is lost.
         """
-        parts = []
         with torch.no_grad():
-            for drive, held in zip(self.drives, self.held, strict=True):
-                found = drive.foretold(
-                    held,
-                    self.parameters.noise(logs),
-                    self.parameters.started(drive.start, logs),
-                    self.options.likelihood,
-                )
-                sums, _ = by_window(
-                    drive.time, found.log_likelihood, self.options.window, drive.aligned
-                )
-                parts.append(sums.sum(-1))
-        return torch.cat(parts)
+            return sum(float(self._foretold(k, logs).sum()) for k in range(len(self.drives)))
+
+    def _foretold(self, k: int, logs: Tensor) -> Tensor:
+        """Return the log-likelihood of one drive, and begin from there the next time."""
+        drive, held = self.drives[k], self.held[k]
+        found = drive.foretold(
+            held,
+            self.parameters.noise(logs),
+            self.parameters.started(drive.start, logs),
+            self.options.likelihood,
+        )
+        self.held = (*self.held[:k], held._replace(begin=found.begin), *self.held[k + 1 :])
+        return found.log_likelihood
+
+    def _in_windows(self, drive: DriveLikelihood, by_kind: Tensor) -> Tensor:
+        sums, _ = by_window(drive.time, by_kind, self.options.window, drive.aligned)
+        return sums.sum(-1)

@@ -21,7 +21,7 @@ from navlearn.errors import ConfigError, FilterDivergedError
 from navlearn.fusion.options import EkfOptions
 from navlearn.learning.checkpointing import claim_checkpoint, read_checkpoint, write_checkpoint
 from navlearn.learning.drive_likelihood import DriveLikelihood, TuningDrive
-from navlearn.learning.noise_figures import ParameterFigure, parameter_figures
+from navlearn.learning.noise_figures import NoiseFigures, noise_figures
 from navlearn.learning.noise_objective import NoiseObjective
 from navlearn.learning.noise_options import TuningOptions
 from navlearn.learning.noise_parameters import FreeParameters, default_names
@@ -37,7 +37,7 @@ class TunedNoise:
 
     Attributes:
         options: The filter with its noise tuned.
-        figures: What became of each free entry.
+        figures: What became of each free entry, and of what they make up.
         gain: By how much the log-likelihood of the tuning drives rose, nats, by the filter's
             own gate before and after.
         seconds: Length of the tuning drives, s.
@@ -48,7 +48,7 @@ class TunedNoise:
     """
 
     options: EkfOptions
-    figures: tuple[ParameterFigure, ...]
+    figures: NoiseFigures
     gain: float
     seconds: float
     iterations: int
@@ -59,7 +59,7 @@ class TunedNoise:
     @property
     def values(self) -> dict[str, float]:
         """Values found, by name."""
-        return {figure.name: figure.after for figure in self.figures}
+        return {figure.name: figure.after for figure in self.figures.entries}
 
 
 @dataclass
@@ -131,8 +131,8 @@ def tune_noise(
     ) as bar:
         _run(objective, search, path, mark, bar, begun)
     objective.judge(search.x)
-    figures = parameter_figures(objective, search.x)
-    after = _own_likelihood(objective, search.x)
+    after = objective.likelihood(search.x)
+    figures = noise_figures(objective, search.x)
     return TunedNoise(
         options=parameters.tuned(search.x),
         figures=figures,
@@ -148,7 +148,7 @@ def tune_noise(
 def _own_likelihood(objective: NoiseObjective, logs: Tensor) -> float:
     """Return the log-likelihood with the verdicts of the filter's own gate."""
     objective.judge(logs)
-    return float(objective.windows(logs).sum())
+    return objective.likelihood(logs)
 
 
 def _run(
