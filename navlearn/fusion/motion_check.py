@@ -3,7 +3,9 @@
 As printed a fix is compared with the one before, whatever became of that, as if the car stood:
 every fast drive is refused, and so is the first good fix after an outlier. Here the way between two
 fixes is compared with that reckoned from odometer and gyro, and the earlier of the two is the last
-that this test believed.
+that this test believed. Should that one have been wrong, the fixes after it would be refused in its
+stead: one that surely agrees with the fix believed before it is believed, too, and the last
+forgotten.
 
 Odometer and gyro tell the shape of a way, not where it leads. That is taken from fixes believed
 earlier: from one far enough back that the chord to the reference tells a direction, and near enough
@@ -127,10 +129,13 @@ class _Seen(NamedTuple):
             around * self.per_lon[b] + 1j * (self.lat[b] - self.lat[a]) * self.per_lat[b]
         )
 
-    def contradiction(self, a: np.ndarray, b: np.ndarray, base: np.ndarray) -> np.ndarray:
+    def contradiction(
+        self, a: np.ndarray, b: np.ndarray, base: np.ndarray, *, most: bool = False
+    ) -> np.ndarray:
         """Return how far fixes ``b`` are from where they were reckoned from fixes ``a``, m.
 
-        ``base`` are the fixes that direct the way, −1 for none.
+        ``base`` are the fixes that direct the way, −1 for none: then it is the least that it may
+        be, or the most.
         """
         moved, reckoned = self.moved(a, b), self.reckoned[b] - self.reckoned[a]
         first = np.where(base >= 0, base, a)
@@ -138,7 +143,7 @@ class _Seen(NamedTuple):
         size = np.abs(turned)
         directed = (base >= 0) & (size > 0.0)
         turn = np.where(directed, turned / np.where(directed, size, 1.0), 0.0)
-        circle = np.abs(np.abs(moved) - np.abs(reckoned))
+        circle = np.abs(np.abs(moved) + (1.0 if most else -1.0) * np.abs(reckoned))
         return np.asarray(np.where(directed, np.abs(moved - turn * reckoned), circle))
 
     def directs(self, j: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -215,16 +220,25 @@ def _in_turn(gate: GateOptions, seen: _Seen, start: int) -> list[float]:
     refused = [0.0] * len(seen.lat)
     past, waited = list(range(start)), 0
     for k in range(start, len(seen.lat)):
-        a, b = np.array(past[-1]), np.array(k)
-        tried = np.array(past[-2 : -2 - MEMORY : -1], dtype=int)
-        able = tried[seen.directs(tried, a, b)] if len(tried) > 0 else tried
-        base = able[0] if len(able) > 0 else np.array(-1)
-        near = bool(seen.contradiction(a, b, base) <= seen.allowed(gate, a, b))
-        if near:
-            past.append(k)
+        agreeing = next(
+            (n for n in (1, 2) if n <= len(past) and _agrees(gate, seen, past, n, k)), 0
+        )
+        if agreeing > 0:
+            # the fix before the last agrees and the last does not: that one was wrong
+            past = [*past[: len(past) - agreeing + 1], k]
             waited = 0
         elif waited < gate.reset_after:
             refused[k], waited = 1.0, waited + 1
         else:
             past, waited = [k], 0
     return refused
+
+
+def _agrees(gate: GateOptions, seen: _Seen, past: list[int], back: int, k: int) -> bool:
+    """Return whether a fix agrees with one believed before it, ``back`` from the end."""
+    a, b = np.array(past[-back]), np.array(k)
+    tried = np.array(past[-back - 1 : -back - 1 - MEMORY : -1], dtype=int)
+    able = tried[seen.directs(tried, a, b)] if len(tried) > 0 else tried
+    base = able[0] if len(able) > 0 else np.array(-1)
+    off = seen.contradiction(a, b, base, most=back > 1)
+    return bool(off <= seen.allowed(gate, a, b))

@@ -153,16 +153,22 @@ class MotionWatch:
             wild = wild & ~(_length(_moved(_at(past, 0), now)) <= gate.motion_limit)
             past = _remembered(past, now, there, anew=there)
             return track._replace(past=past), wild.to(track.refused)
-        wild = wild & ~(_contradiction(past, now) <= self._allowed(_at(past, 0), now))
+        earlier = _without_last(past)
+        near = self._near(past, now)
+        instead = ~near & (earlier.known[..., 0] > 0.5) & self._near(earlier, now, most=True)
+        past = _chosen(instead, earlier, past)
+        wild = wild & ~near & ~instead
         anew = wild & (track.refused >= gate.reset_after)
         wild = wild & ~anew
         count = torch.where(wild, track.refused + 1.0, torch.where(there, 0.0, track.refused))
         past = _remembered(past, now, there & ~wild, anew=anew)
         return MotionTrack(track.car, past, count), wild.to(track.refused)
 
-    def _allowed(self, last: SeenFix, now: SeenFix) -> Tensor:
+    def _near(self, past: SeenFix, now: SeenFix, *, most: bool = False) -> Tensor:
+        last = _at(past, 0)
         limit = self.gate.motion_limit + self.gate.motion_growth * (now.way - last.way)
-        return torch.where(now.silent - last.silent > SILENCE, torch.inf, limit)
+        limit = torch.where(now.silent - last.silent > SILENCE, torch.inf, limit)
+        return _contradiction(past, now, most=most) <= limit
 
     def _carriage(self, sample: RissSample | ImuSample) -> Carriage:
         if isinstance(sample, ImuSample) and self.riss is None:
@@ -196,8 +202,11 @@ def _seen(car: Reckoned, fix: GnssFix, arm: tuple[float, float]) -> SeenFix:
     return SeenFix(car.time, x, y, car.way, car.silent, *place, one)
 
 
-def _contradiction(past: SeenFix, now: SeenFix) -> Tensor:
-    """Return how far a fix is from where it is reckoned from the last one believed, m, (...)."""
+def _contradiction(past: SeenFix, now: SeenFix, *, most: bool) -> Tensor:
+    """Return how far a fix is from where it is reckoned from the last one believed, m, (...).
+
+    Where nothing directs the way: the least that it may be, or the most.
+    """
     last = _at(past, 0)
     moved, reckoned = _moved(last, now), (now.x - last.x, now.y - last.y)
     each = SeenFix(*(x.unsqueeze(-1) for x in last))
@@ -217,7 +226,8 @@ def _contradiction(past: SeenFix, now: SeenFix) -> Tensor:
         (cosine * reckoned[1] + sine * reckoned[0]) / size,
     )
     off = _length((moved[0] - turned[0], moved[1] - turned[1]))
-    return torch.where(directed, off, (_length(moved) - _length(reckoned)).abs())
+    circle = _length(moved) + (1.0 if most else -1.0) * _length(reckoned)
+    return torch.where(directed, off, circle.abs())
 
 
 def _moved(a: SeenFix, b: SeenFix) -> tuple[Tensor, Tensor]:
@@ -238,6 +248,14 @@ def _remembered(past: SeenFix, now: SeenFix, new: Tensor, *, anew: Tensor) -> Se
     known = past.known * ~anew.unsqueeze(-1)
     pairs = zip(now, past._replace(known=known), strict=True)
     grown = SeenFix(*(torch.cat((x.unsqueeze(-1), old[..., :-1]), -1) for x, old in pairs))
-    return SeenFix(
-        *(torch.where(new.unsqueeze(-1), x, old) for x, old in zip(grown, past, strict=True))
-    )
+    return _chosen(new, grown, past)
+
+
+def _without_last(past: SeenFix) -> SeenFix:
+    known = torch.nn.functional.pad(past.known[..., 1:], (0, 1))
+    return SeenFix(*(torch.roll(x, -1, -1) for x in past))._replace(known=known)
+
+
+def _chosen(condition: Tensor, one: SeenFix, other: SeenFix) -> SeenFix:
+    pairs = zip(one, other, strict=True)
+    return SeenFix(*(torch.where(condition.unsqueeze(-1), a, b) for a, b in pairs))

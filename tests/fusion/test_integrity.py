@@ -147,7 +147,7 @@ CHOICES = {
     "prediction": GateOptions(prediction_limit=5.0, probability=1.0),
     "motion": GateOptions(motion_limit=4.0, reset_after=3),
     "printed": GateOptions(motion_limit=15.0, motion_reference="none", reset_after=4),
-    "all": GateOptions(prediction_limit=12.0, motion_limit=6.0, reset_after=4),
+    "all": GateOptions(prediction_limit=30.0, motion_limit=6.0, reset_after=4),
 }
 
 

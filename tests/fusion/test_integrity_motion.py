@@ -119,6 +119,15 @@ def test_a_jump_back_by_twice_the_way_is_refused_though_the_distance_is_right():
     assert refused(LIMIT, motion, east, north, timing) == [[12]]
 
 
+def test_after_a_wrong_fix_that_was_believed_the_good_ones_are_believed_again():
+    motion, east, north, timing = car(5.0, seconds=30)
+    # just inside the limit and aside, and the next one outside it as seen from there
+    east[0, 12], east[0, 13] = 5.2, -0.5
+    assert refused(LIMIT, motion, east, north, timing) == [[]]
+    east[0, 12] = 5.7
+    assert refused(LIMIT, motion, east, north, timing) == [[12]]
+
+
 def test_an_unknown_gyro_bias_refuses_no_good_fix():
     drive = car(15.0, 0.2, seconds=60)
     wrong = drive[0]._replace(turn_rate=drive[0].turn_rate + math.radians(0.5))
