@@ -31,7 +31,7 @@ from navlearn.fusion.tight.steps import TightSteps
 from navlearn.fusion.tight.timeline import Reception
 from navlearn.fusion.tight.vehicle import Antenna, for_points
 from navlearn.fusion.unscented.prediction import ahead_by_points, rooted
-from navlearn.fusion.unscented.update import images_of
+from navlearn.fusion.unscented.update import images_of, measured_at_points, of_first
 from navlearn.fusion.updates import Measured
 
 
@@ -96,10 +96,11 @@ def seen_by_points(
     vehicle, n = model.vehicle, model.first_clock
     antenna = vehicle.antenna(prior.vehicle, block, reception.delay)
     found = measured_ranges(antenna, prior.clock, reception, noise)
-    own = vehicle.measured(prior.vehicle, block)
     at = rooted(prior.vehicle)
     deviation = sigma_points(at.root, weights)
-    images, told = images_of(vehicle, prior.vehicle, deviation, own, block)
+    by_points = measured_at_points(vehicle, prior.vehicle, deviation, block)
+    own = of_first(by_points, deviation.dim() - 2)
+    images, told = images_of(vehicle, deviation, own, by_points)
     far = _range_images(model, prior, deviation, block, reception, noise)
     by_state = torch.cat((own.observation, found.observation[..., :n]), -2)
     moments = image_moments(torch.cat((images, far), -1), weights)

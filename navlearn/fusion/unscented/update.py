@@ -13,6 +13,7 @@ from torch import Tensor
 from navlearn.attitude import wrap_angle
 from navlearn.filters.regression import regressed
 from navlearn.filters.square_root import root_of, root_of_sum, updated_root
+from navlearn.filters.tight_belief import map_tree
 from navlearn.filters.unscented import SigmaWeights, image_moments, sigma_points
 from navlearn.fusion.gated_update import believed
 from navlearn.fusion.gating import Judged
@@ -47,11 +48,12 @@ def measured_by_points(
     Returns:
         Innovations against the mean of the predicted measurements, shape (...).
     """
-    found = vehicle.measured(prior.belief, block)
+    deviation = sigma_points(prior.root, weights)
+    seen = measured_at_points(vehicle, prior.belief, deviation, block)
+    found = of_first(seen, deviation.dim() - 2)
     if not bool((found.present > 0.5).any()):
         return found
-    deviation = sigma_points(prior.root, weights)
-    images, told = images_of(vehicle, prior.belief, deviation, found, block)
+    images, told = images_of(vehicle, deviation, found, seen)
     tells = regressed(prior.root, image_moments(images, weights), found.observation)
     bend = torch.where(told.unsqueeze(-1), tells.bend, 0.0)
     return found._replace(
@@ -61,8 +63,40 @@ def measured_by_points(
     )
 
 
+def measured_at_points(
+    vehicle: Vehicle[Any], belief: Any, deviation: Tensor, block: Any
+) -> Measured:
+    """Return what points about predictions measure, their position that of the first.
+
+    Args:
+        vehicle: The vehicle.
+        belief: Predictions at the ends of blocks, batch shape (...).
+        deviation: Points about them, the first zero, shape (..., P, n).
+        block: The blocks, batch shape (...).
+
+    Returns:
+        Batch shape (..., P).
+    """
+    batch, points = deviation.dim() - 2, deviation.shape[-2]
+    wide = for_points(block, batch, points)
+    rest = torch.nn.functional.pad(deviation[..., 3:], (3, 0))
+    at = vehicle.moved(for_points(belief, batch, points), rest, wide)
+    return vehicle.measured(at, wide)
+
+
+def of_first(seen: Measured, batch: int) -> Measured:
+    """Return what the first point measures, which is the prediction itself.
+
+    Args:
+        seen: What is measured at points, batch shape (..., P).
+        batch: Number of batch axes before the points'.
+    """
+    found: Measured = map_tree(seen, lambda x: x.select(batch, 0))
+    return found
+
+
 def images_of(
-    vehicle: Vehicle[Any], belief: Any, deviation: Tensor, found: Measured, block: Any
+    vehicle: Vehicle[Any], deviation: Tensor, found: Measured, seen: Measured
 ) -> tuple[Tensor, Tensor]:
     """Return predicted measurements relative to the first point's, and where all points have one.
 
@@ -71,19 +105,14 @@ def images_of(
 
     Args:
         vehicle: The vehicle.
-        belief: Predictions at the ends of blocks, batch shape (...).
-        deviation: Points about them, the first zero, shape (..., P, n).
+        deviation: Points about predictions, the first zero, shape (..., P, n).
         found: What is measured at the predictions.
-        block: The blocks, batch shape (...).
+        seen: What is measured at the points, batch shape (..., P).
 
     Returns:
         Shape (..., P, r), and bool, shape (..., r).
     """
-    batch, points = deviation.dim() - 2, deviation.shape[-2]
-    wide = for_points(block, batch, points)
-    position, rest = deviation[..., :3], torch.nn.functional.pad(deviation[..., 3:], (3, 0))
-    at = vehicle.moved(for_points(belief, batch, points), rest, wide)
-    seen = vehicle.measured(at, wide)
+    position = deviation[..., :3]
     by_position = position @ found.observation[..., :3].transpose(-1, -2)
     images = by_position - (seen.innovation - seen.innovation[..., :1, :])
     for row in vehicle.angle_rows:
