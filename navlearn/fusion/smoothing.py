@@ -14,7 +14,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from navlearn.errors import ConfigError, ShapeError
+from navlearn.errors import ShapeError
 from navlearn.filters.belief import Belief, map_belief
 from navlearn.fusion.batch_axis import first, unsqueezed
 from navlearn.fusion.history import FilterHistory
@@ -69,20 +69,15 @@ def smooth(
         fixes: Its fixes, shape (B, M) or (M,) each.
         timing: Where they fall among the samples.
         history: What it made of them; its verdicts are kept.
-        options: Passes; None means the defaults.
+        options: Passes; None means the defaults. An unscented filter is smoothed in one pass, as
+            its points see more than a derivative.
 
     Returns:
         Smoothed drives; without batch axis where the input had none.
 
     Raises:
-        ConfigError: The filter is an unscented one.
         ShapeError: The history is not that of these samples and fixes.
     """
-    if isinstance(ekf, LooselyCoupledUkf):
-        raise ConfigError(
-            "smoothing: found an unscented filter; the smoother is that of the extended one, whose "
-            "derivatives it takes: leave EkfOptions.unscented out for smoothed drives"
-        )
     if samples.dt.dim() == 1:
         batched = smooth(
             ekf,
@@ -102,10 +97,14 @@ def smooth(
             f"the {line.blocks.end.shape[-1]} of these samples and fixes; pass what the filter ran "
             "on, and the filter itself"
         )
-    evidence = evidence_of(model, start, line, history, ekf.noise)
-    begin = starts_of_blocks(start, history.belief)
-    run = partial(smoothing_pass, model, evidence)
-    found, passes = iterated(begin, run, _largest_move, options or SmoothingOptions())
+    passes = 1
+    if isinstance(ekf, LooselyCoupledUkf):
+        found = ekf.smoothed(start, line, history)
+    else:
+        evidence = evidence_of(model, start, line, history, ekf.noise)
+        begin = starts_of_blocks(start, history.belief)
+        run = partial(smoothing_pass, model, evidence)
+        found, passes = iterated(begin, run, _largest_move, options or SmoothingOptions())
     return SmoothedDrive(
         line.blocks.end,
         found.start,

@@ -16,6 +16,7 @@ from navlearn.fusion.ground_velocity import BlockEnd
 from navlearn.fusion.history import FilterHistory
 from navlearn.fusion.options import EkfOptions
 from navlearn.fusion.record import history, path_in_blocks
+from navlearn.fusion.smoothed_blocks import SmoothedPass
 from navlearn.fusion.standstill import Rest
 from navlearn.fusion.tight.riss_vehicle import RissBlock, RissVehicle, vehicle_line
 from navlearn.fusion.timeline import Timeline, known_acceleration, occasion_after
@@ -23,6 +24,7 @@ from navlearn.fusion.unscented.carry import riss_carry
 from navlearn.fusion.unscented.fast import run_unscented_fast
 from navlearn.fusion.unscented.prediction import predicted_in_turn, rooted
 from navlearn.fusion.unscented.recursion import end_block, run_unscented_loop
+from navlearn.fusion.unscented.smoothing import smoothed_by_points
 from navlearn.fusion.updates import Occasion
 from navlearn.states import FixTiming, GnssFix, RissSample
 
@@ -106,6 +108,19 @@ class LooselyCoupledUkf(RissVehicle):
             record = run_unscented_loop(self, self.weights, start, whole, in_turn=in_turn)
         inside = path_in_blocks(self.model, start, record.belief, line)
         return history(line, record, inside, method, passes)
+
+    def smoothed(
+        self, start: Belief, line: Timeline, history: FilterHistory
+    ) -> SmoothedPass[Belief]:
+        """Return beliefs smoothed over drives in blocks.
+
+        Args:
+            start: Belief before the first block, batch shape (B,).
+            line: The drives in blocks.
+            history: What the filter made of them.
+        """
+        blocks = self.all_blocks(vehicle_line(line))
+        return smoothed_by_points(self, self.weights, riss_carry(self), start, blocks, history)
 
     def step(
         self, belief: Belief, sample: RissSample, acceleration: Tensor | None = None

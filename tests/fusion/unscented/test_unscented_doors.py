@@ -17,7 +17,6 @@ from navlearn.fusion.measurements import Kind, Verdict
 from navlearn.fusion.noise_options import NoiseOptions
 from navlearn.fusion.options import EkfOptions
 from navlearn.fusion.sensor_errors import odometer_acceleration
-from navlearn.fusion.smoothing import smooth
 from navlearn.fusion.unscented.loosely_coupled import LooselyCoupledUkf
 from navlearn.navigator import Navigator, NavigatorOptions
 from navlearn.states import GnssFix, NavState, RissSample
@@ -207,10 +206,3 @@ def test_noise_of_zero_has_a_gradient(make_drive):
     (gradient,) = torch.autograd.grad(history.nis.nansum(), ukf.log_noise)
     assert bool(torch.isfinite(gradient).all())
     assert float(gradient[ukf.noise._fields.index("position_floor")]) < 0.0
-
-
-def test_the_smoother_is_that_of_the_extended_filter(make_drive):
-    d = make_drive(seconds=3, rate=4)
-    ukf, start = LooselyCoupledUkf(OPTIONS), initial_belief(OPTIONS, d.start)
-    with pytest.raises(ConfigError, match=r"leave EkfOptions\.unscented out"):
-        smooth(ukf, start, d.samples, d.fixes, d.timing, run(OPTIONS, d))
