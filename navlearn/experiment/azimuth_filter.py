@@ -59,7 +59,8 @@ class Beside:
         else:
             closed = replace(closed, model=spec.filter)
             self.closed = runs.run(log, closed)[2]
-        self.options: EkfOptions = replace(closed, feedback="open")
+        # beside a mechanization that runs free there is nothing to draw sigma points about
+        self.options: EkfOptions = replace(closed, feedback="open", unscented=None)
         self.ekf = LooselyCoupledEkf(self.options)
         self.dt = float(run.samples.dt.median())
         self.step = runs.recipe.training.step_s
