@@ -20,6 +20,9 @@ FEWEST = 30
 VARIED = 1.5
 """Largest deviations over smallest, from which floor and factor can be told apart."""
 
+WINDOW = 5.0
+"""Correlations are summed over so many times their own sum: further out they are noise."""
+
 FAR = 4.0
 """An error beyond so many deviations is an outlier's, which is the gate's business."""
 
@@ -90,6 +93,8 @@ def receiver_noise(drives: list[ReferencedDrive], *, lasting: bool = True) -> Re
 def integrated_correlation(errors: _Errors) -> float:
     """Return the sum of correlations over all lags, 1 + 2 Σ ρ, up to where they end.
 
+    Where they end is found by the automatic window of [Sokal1997].
+
     Args:
         errors: Series at even intervals; outliers are cut to :data:`FAR` deviations.
     """
@@ -100,13 +105,15 @@ def integrated_correlation(errors: _Errors) -> float:
     longest = max(len(one) for one in filled) // 4
     power = sum(float((one * one).sum()) for one in filled) / sum(int(one.sum()) for one in there)
     total = 1.0
+    if power == 0.0:
+        return total
     for lag in range(1, longest):
         products = sum(float((one[lag:] * one[:-lag]).sum()) for one in filled)
         count = sum(int((one[lag:] & one[:-lag]).sum()) for one in there)
         if count < FEWEST:
             break
         correlation = products / count / power
-        if correlation <= count**-0.5:
+        if correlation <= 0.0 or lag > WINDOW * 0.5 * total:
             break
         total += 2.0 * correlation
     return total

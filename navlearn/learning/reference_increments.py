@@ -2,7 +2,7 @@
 
 Dead reckoning starts anew from the reference again and again, so that each difference is that of
 one short stretch alone: run on, it would carry every earlier azimuth error into each later step.
-Along and across are axes of the reference's azimuth at the start of a stretch.
+Along and across are axes of the reference's azimuth in the middle of a stretch.
 """
 
 from typing import NamedTuple
@@ -95,7 +95,8 @@ def reference_increments(
     ran = riss_over_time(start, blocks, options=options.mechanization)
     last = [channel[..., -1] for channel in ran]
     east, north, up = enu_between(last[0], last[1], last[2], lat, lon, height.nan_to_num())
-    sine, cosine = torch.sin(start.azimuth), torch.cos(start.azimuth)
+    middle = 0.5 * (start.azimuth + azimuth)
+    sine, cosine = torch.sin(middle), torch.cos(middle)
     off_e, off_n = _velocity_error(ran.v_e, ran.v_n, v_e, v_n, azimuth)
     heights = begin.height[known].isfinite() & height.isfinite()
     return Increments(
