@@ -111,7 +111,7 @@ def _stretches(
     if seeds and logs:
         raise ConfigError("--seeds, --log: give one of them")
     if is_sweep(path):
-        sweep = load_sweep(path)
+        sweep = load_sweep(path, untuned=True)
         recipe, scored = recipe_of_grade(sweep, grade), tuple(sweep.sweep.seeds)
         if not seeds and not logs:
             raise ConfigError(
@@ -120,7 +120,7 @@ def _stretches(
     else:
         if grade is not None:
             raise ConfigError(f"--grade: for sweeps only; {path} runs on one drive")
-        recipe = load_recipe(path)
+        recipe = load_recipe(path, untuned=True)
         simulated = recipe.log.simulated
         scored = () if simulated is None else (simulated.seed,)
     if seeds:

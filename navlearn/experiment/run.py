@@ -22,6 +22,7 @@ from navlearn.experiment.oracles import GYRO_ORACLES, Truth, truth_for
 from navlearn.experiment.run_chapters import run_chapters
 from navlearn.experiment.sensors_needed import check_sensors
 from navlearn.experiment.summary import run_summary
+from navlearn.experiment.tuned_elsewhere import check_tuned
 from navlearn.export.example import save_example
 from navlearn.outages.fit_diagnostics import FitDiagnostics
 from navlearn.outages.maps import Scene
@@ -102,6 +103,7 @@ def run_recipe(
     check_recipe(recipe)
     drive = prepare_drive(recipe)
     check_sensors(recipe, drive.log, drive.placement.outages)
+    check_tuned(recipe, drive.log, drive.placement.outages)
     truth = truth_for(recipe, drive.log, sensor_truth_of(recipe))
     output = prepare_output_folder(Path(out), force)
     resolved = recipe.resolved()

@@ -3,6 +3,7 @@
 [Ghouneem2024] Tables II and III. Solutions are causal: what a filter said while the car drove.
 """
 
+import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -17,6 +18,7 @@ from navlearn.experiment.methods import RISS
 from navlearn.experiment.solution_tables import ins_solution_table, solution_table
 from navlearn.experiment.sweep_drives import gyro_class, make_drive
 from navlearn.experiment.tight_filter_runs import TIGHT, TightFilterRuns
+from navlearn.experiment.tuned_elsewhere import tuned_until
 from navlearn.logs.drive_log import DriveLog
 from navlearn.outages.schedule import Outage
 from navlearn.outages.state_errors import VELOCITY_TIME, judged_together, state_errors
@@ -82,7 +84,8 @@ def drive_errors(
         log: The drive, with a reference, latencies removed.
         recipe: Tells the filters and their options.
         methods: Which of its filters; None means all.
-        settle: So long after alignment errors do not count, s.
+        settle: So long after alignment errors do not count, s; nor do they before the end of what
+            a filter was tuned on, for all filters alike.
 
     Returns:
         Rows of :func:`navlearn.outages.state_errors.judged_together`, with the drive's name. The
@@ -90,7 +93,7 @@ def drive_errors(
 
     Raises:
         LogError: The log has no reference.
-        ConfigError: No method is a filter.
+        ConfigError: No method is a filter, or all of the log served for tuning.
     """
     reference = log.reference
     if reference is None:
@@ -101,8 +104,12 @@ def drive_errors(
     names = filters_of(recipe) if methods is None else tuple(methods)
     if not names:
         raise ConfigError(f"recipe {recipe.name}: none of its methods is a filter; list some")
+    if tuned_until(recipe, log) == math.inf:
+        raise ConfigError(
+            f"{log.metadata.name}: the filter was tuned on all of it; judge it on another drive"
+        )
     errors = {name: state_errors(whole_solution(log, recipe, name), reference) for name in names}
-    found = judged_together(errors, settle)
+    found = judged_together(errors, settle, tuned_until(recipe, log))
     fixes = state_errors(log.fixes, reference)
     fixes = fixes[fixes["t"].isin(found["t"])].assign(solution=RECEIVER)
     return pd.concat((fixes, found), ignore_index=True).assign(drive=log.metadata.name)

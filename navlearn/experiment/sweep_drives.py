@@ -6,6 +6,7 @@ from navlearn.logs.drive_log import DriveLog
 from navlearn.logs.sensor_truth import SensorTruth
 from navlearn.logs.synthetic import jaradat2017_scenario, simulate_drive
 from navlearn.logs.synthetic.degrade import degraded_drive
+from navlearn.logs.synthetic.faults import with_faults
 from navlearn.recipe.satellite_section import satellite_options
 from navlearn.recipe.sweep import SweepRecipe
 from navlearn.recipe.swept_drives import (
@@ -45,6 +46,8 @@ def make_drive(recipe: SweepRecipe, grade: str, seed: int) -> tuple[DriveLog, Se
             satellites=None if source.sky is None else satellite_options(source.sky),
             name=f"{source.profile}_{grade}_{seed}",
         )
+        if source.faults is not None:
+            return with_faults(made.log, source.faults.options(seed)).log, made.sensor_truth
         return made.log, made.sensor_truth
     if isinstance(source, ScenarioDrives):
         made = jaradat2017_scenario(seed)

@@ -23,6 +23,7 @@ from navlearn.experiment.oracles import truth_for
 from navlearn.experiment.run import digest_of
 from navlearn.experiment.sweep_drives import gyro_class, make_drive
 from navlearn.experiment.timed_method import TimedMethod, timed
+from navlearn.experiment.tuned_elsewhere import check_tuned
 from navlearn.logs.drive_log import DriveLog
 from navlearn.logs.formats.csv_tables import read_frame
 from navlearn.logs.sensor_truth import SensorTruth
@@ -158,6 +159,7 @@ def outage_rows(
     recipe = job.recipe.for_drive(log.metadata.name, kind.duration, job.grade, kind.satellites)
     torch.manual_seed(recipe.seed)
     ready = prepare_log(log, recipe)
+    check_tuned(recipe, ready.log, ready.placement.outages)
     methods = {} if methods is None else methods
     if not methods:
         knows, runs = truth_for(recipe, ready.log, truth), FilterRuns(recipe, growing=True)

@@ -105,18 +105,22 @@ def times_covered(own: Array, asked: Array) -> tuple[np.ndarray, Array]:
     return at, np.where(dense, asked, nearest)[at]
 
 
-def judged_together(errors: dict[str, pd.DataFrame], settle: float) -> pd.DataFrame:
+def judged_together(
+    errors: dict[str, pd.DataFrame], settle: float, not_before: float | None = None
+) -> pd.DataFrame:
     """Return the errors of several solutions of a drive at the times that all of them have.
 
     Args:
         errors: What :func:`state_errors` returned, by name.
         settle: So long after the last of them begins nothing counts, s.
+        not_before: Nor does anything before this time, s; None means no such time.
 
     Returns:
         The rows of all, with their name as ``solution``; by solution, then by time.
     """
     since = max(float(one["t"].iloc[0]) if len(one) else math.inf for one in errors.values())
-    times = [set(one.loc[one["t"] >= since + settle, "t"]) for one in errors.values()]
+    begin = max(since + settle, -math.inf if not_before is None else not_before)
+    times = [set(one.loc[one["t"] >= begin, "t"]) for one in errors.values()]
     common = set.intersection(*times)
     parts = [one[one["t"].isin(common)].assign(solution=name) for name, one in errors.items()]
     return pd.concat(parts, ignore_index=True)

@@ -12,6 +12,7 @@ from typing import Any, Final
 from navlearn.errors import ConfigError
 from navlearn.outages.schedule import parse_outages
 from navlearn.recipe.experiment_base import VERSIONS, Experiment, Titled
+from navlearn.recipe.ingredients import without_tuned
 from navlearn.recipe.log_section import LogSource
 from navlearn.recipe.spec import load_spec
 from navlearn.recipe.strict import parse
@@ -38,18 +39,20 @@ class Recipe(Experiment, OneLog):
     """One experiment on one drive, complete."""
 
 
-def load_recipe(path: str | Path) -> Recipe:
+def load_recipe(path: str | Path, *, untuned: bool = False) -> Recipe:
     """Read a recipe; paths in it are relative to its own folder.
 
     Args:
         path: A YAML file such as ``training/first_look.yaml``, or a run's resolved recipe.
+        untuned: Leave out what it says of tuning, and the methods that take it: a tuned spec may
+            be made for a recipe that names it.
 
     Raises:
         LogNotFoundError: The recipe or a spec that it names does not exist.
         ConfigError: A key is unknown or a value is not allowed.
     """
     file = read_yaml(Path(path), what="recipe")
-    content = own_content(file)
+    content = own_content(file, untuned=untuned)
     if "sweep" in content and "log" not in content:
         raise ConfigError(
             f"{path}: this is a sweep over many drives, not a recipe for one; give it to "
@@ -65,11 +68,12 @@ def load_recipe(path: str | Path) -> Recipe:
     return parse(Recipe, content, file=file)
 
 
-def own_content(file: YamlFile) -> dict[str, Any]:
+def own_content(file: YamlFile, *, untuned: bool = False) -> dict[str, Any]:
     """Return what a recipe's file says itself, with the specs that it names read.
 
     Args:
         file: The file; the versions that a resolved recipe tells are left out.
+        untuned: As in :func:`load_recipe`.
 
     Raises:
         ConfigError: A spec that it names does not exist or is wrong.
@@ -79,6 +83,8 @@ def own_content(file: YamlFile) -> dict[str, Any]:
         content["models"] = [
             _spec_entry(entry, file, i) for i, entry in enumerate(content["models"])
         ]
+    if untuned:
+        return without_tuned(content)
     if isinstance(content.get("tuned"), str):
         content["tuned"] = _tuned_entry(content["tuned"], file, ("tuned",))
     grades = content.get("tuned_by_grade")

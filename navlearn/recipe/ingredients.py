@@ -41,6 +41,9 @@ INGREDIENTS: Final[dict[str, Ingredients]] = {
 }
 """Methods with ingredients, by name; every other method has none."""
 
+TUNED_SECTIONS: Final = ("tuned", "tuned_by_grade")
+"""Keys of recipes and sweeps that say what was tuned."""
+
 _WORTH_SAYING: Final = {
     "unscented": "sigma points in place of a linearisation",
     "tuned": "the options that the recipe's tuned spec found",
@@ -122,6 +125,27 @@ def check_ingredients(
                 f"{section}: no method takes it; list one of {', '.join(takers)}, or leave the "
                 "section out"
             )
+
+
+def without_tuned(content: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what a recipe's file says but for what is tuned and the methods that take it.
+
+    Args:
+        content: The file's keys and values.
+    """
+    kept = {key: value for key, value in content.items() if key not in TUNED_SECTIONS}
+    methods = kept.get("methods")
+    if isinstance(methods, list):
+        rest = [one for one in methods if not isinstance(one, str) or not ingredients_of(one).tuned]
+        takes = {section: False for section in ("unscented", "integrity")}
+        for one in rest:
+            found = ingredients_of(one)._asdict() if isinstance(one, str) else {}
+            takes = {
+                section: taken or found.get(section, False) for section, taken in takes.items()
+            }
+        kept = {key: value for key, value in kept.items() if takes.get(key, True)}
+        kept["methods"] = rest or ["ekf"]
+    return kept
 
 
 def with_ingredients(

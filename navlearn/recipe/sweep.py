@@ -199,18 +199,19 @@ class SweepRecipe(Experiment, ManyDrives):
         return parse(SweepRecipe, content, file=self.name)
 
 
-def load_sweep(path: str | Path) -> SweepRecipe:
+def load_sweep(path: str | Path, *, untuned: bool = False) -> SweepRecipe:
     """Read a sweep; paths in it are relative to its own folder.
 
     Args:
         path: A YAML file with a ``sweep`` section, or a run's resolved one.
+        untuned: Leave out what it says of tuning, as :func:`navlearn.recipe.load_recipe` does.
 
     Raises:
         LogNotFoundError: The file or a spec that it names does not exist.
         ConfigError: A key is unknown or a value is not allowed.
     """
     file = read_yaml(Path(path), what="sweep")
-    content = own_content(file)
+    content = own_content(file, untuned=untuned)
     section = content.get("sweep")
     if isinstance(section, dict) and isinstance(section.get("log"), dict):
         placed = absolute_source(section["log"], file)

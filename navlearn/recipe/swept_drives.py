@@ -5,6 +5,7 @@ from typing import Annotated, Any, Final, Literal, NamedTuple
 from pydantic import AfterValidator, Field, model_validator
 
 from navlearn.logs.nearest import nearest_hint
+from navlearn.recipe.fault_section import FaultSection
 from navlearn.recipe.log_section import SCENARIO, AidingSection, LogSource
 from navlearn.recipe.satellite_section import Satellites
 from navlearn.recipe.sections import Number
@@ -104,6 +105,8 @@ class SimulatedDrives(Drives):
         imu_rate_hz: Rate of the inertial samples.
         sky: Satellites, streets and receiver that the logs have raw ranges from: a preset such as
             ``suburban``, or options over one; None for logs without ranges.
+        faults: What goes wrong with the fixes of every drive, drawn anew per seed; None leaves
+            them as they are.
     """
 
     type: Literal["simulated"]
@@ -111,6 +114,7 @@ class SimulatedDrives(Drives):
     duration_s: Positive = 2400.0
     imu_rate_hz: Annotated[float, Field(gt=0, le=1000)] = 10.0
     sky: Satellites | None = None
+    faults: FaultSection | None = None
     drives: Count = 20
 
 

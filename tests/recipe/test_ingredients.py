@@ -160,6 +160,23 @@ def test_a_sweep_tunes_by_grade(tmp_path: Path) -> None:
         load_sweep(write(tmp_path, SWEEP + methods + both.replace("mems_l", "mems_m")))
 
 
+def test_a_recipe_can_be_tuned_before_it_is_tuned(tmp_path: Path) -> None:
+    methods = "methods: [ekf, ekf+tuned, ukf+tuned+integrity]\n"
+    limits = "integrity: {reset_after: 4}\nunscented: {alpha: 0.5}\n"
+    path = write(tmp_path, LEAST + methods + limits + "tuned: not_yet.yaml\n")
+    with pytest.raises(ConfigError, match="there is no tuned spec"):
+        load_recipe(path)
+    recipe = load_recipe(path, untuned=True)
+    assert (recipe.methods, recipe.tuned) == (("ekf",), None)
+    path = write(tmp_path, SWEEP + methods + limits + "tuned_by_grade: {mems_l: not_yet.yaml}\n")
+    sweep = load_sweep(path, untuned=True)
+    assert (sweep.methods, sweep.tuned_by_grade, sweep.integrity) == (("ekf",), {}, {})
+    both = methods.replace("ekf,", "ekf, ukf+integrity,", 1)
+    kept = load_recipe(write(tmp_path, LEAST + both + limits), untuned=True)
+    assert kept.integrity == {"reset_after": 4}
+    assert kept.unscented == {"alpha": 0.5}
+
+
 def test_overrides_are_laid_over_group_by_group() -> None:
     below = {"a": 1, "noise": {"x": 1.0, "deep": {"p": 1, "q": 2}}, "none": None}
     above = {"noise": {"deep": {"q": 3}}, "none": {"z": 1}}

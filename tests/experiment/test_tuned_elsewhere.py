@@ -1,0 +1,39 @@
+"""Drives that a filter was tuned on are not judged by."""
+
+import pytest
+
+from navlearn.errors import ConfigError
+from navlearn.experiment.state_rmse import drive_errors
+from navlearn.experiment.tuned_elsewhere import check_tuned, tuned_until
+from navlearn.logs.drive_log import DriveLog
+from navlearn.outages.schedule import Outage
+from navlearn.recipe import Recipe
+from navlearn.recipe.tuned_spec import TunedOn, TunedSpec
+
+LATE = (Outage(300.0, 20.0), Outage(340.0, 20.0))
+
+
+def recipe_of(*made_from: TunedOn, methods: tuple[str, ...] = ("ekf", "ekf+tuned")) -> Recipe:
+    spec = TunedSpec(filter={"noise": {"turn_noise": 0.01}}, made_from=made_from)
+    base = Recipe.model_validate({"name": "one", "log": {"path": "a"}, "methods": ["ekf"]})
+    return base.model_copy(update={"tuned": spec, "methods": methods})
+
+
+def test_outages_in_what_was_tuned_on_are_refused(short_drive: DriveLog) -> None:
+    name = short_drive.metadata.name
+    early = TunedOn(log=name, until_s=250.0)
+    check_tuned(recipe_of(early), short_drive, LATE)
+    check_tuned(recipe_of(TunedOn(log="another")), short_drive, LATE)
+    with pytest.raises(ConfigError, match=r"begins at 300 s of short, .* up to 310 s"):
+        check_tuned(recipe_of(early, TunedOn(log=name, until_s=310.0)), short_drive, LATE)
+    with pytest.raises(ConfigError, match="on all of it"):
+        check_tuned(recipe_of(TunedOn(log=name)), short_drive, LATE)
+    assert tuned_until(recipe_of(TunedOn(log=name), methods=("ekf",)), short_drive) is None
+
+
+def test_whole_drives_are_judged_after_it(short_drive: DriveLog) -> None:
+    name = short_drive.metadata.name
+    found = drive_errors(short_drive, recipe_of(TunedOn(log=name, until_s=250.0)))
+    assert found["t"].min() >= 250.0
+    with pytest.raises(ConfigError, match="tuned on all of it"):
+        drive_errors(short_drive, recipe_of(TunedOn(log=name)))
