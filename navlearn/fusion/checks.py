@@ -220,9 +220,11 @@ def warn_of_refusals(model: Gated, verdicts: Tensor) -> None:
         seen = int((verdict != int(Verdict.ABSENT)).sum())
         out = int(refused(verdict).sum())
         if seen >= WARN_AT_LEAST and out > WARN_REFUSED * seen:
+            limited = model.gate.tests_position and kind == Kind.POSITION
+            small = "the noise or a limit in metres" if limited else "the noise"
             warnings.warn(
                 f"filter: the gate refused more than {WARN_REFUSED:.0%} of the measurements of "
-                f"kind {kind.name.lower()}; the noise is too small for this log, or azimuth, "
+                f"kind {kind.name.lower()}; {small} is too small for this log, or azimuth, "
                 "odometer scale or lever arm are wrong: look at history.nis",
                 UserWarning,
                 stacklevel=4,

@@ -6,10 +6,10 @@ import torch
 from torch import Tensor
 
 from navlearn.errors import ConfigError
+from navlearn.fusion.astray_fixes import astray_at_ends, astray_fixes
 from navlearn.fusion.blocks import Blocks, cut, gathered, samples_in_blocks
 from navlearn.fusion.filter_model import FilterModel
 from navlearn.fusion.ground_velocity import BlockEnd
-from navlearn.fusion.motion_check import Carriage, astray
 from navlearn.fusion.sensor_errors import odometer_acceleration
 from navlearn.fusion.standstill import Rest, rest_at_end
 from navlearn.fusion.updates import Occasion
@@ -71,50 +71,6 @@ def timeline(
         astray_at_ends(blocks, astray_fixes(model, samples, fixes, timing)),
     )
     return Timeline(blocks, laid, laid_acceleration, occasion)
-
-
-def astray_fixes(
-    model: FilterModel, samples: RissSample, fixes: GnssFix, timing: FixTiming
-) -> Tensor:
-    """Return which fixes have moved otherwise than the car.
-
-    Args:
-        model: The filter.
-        samples: Samples, shape (B, T) each.
-        fixes: Fixes, shape (B, M) each.
-        timing: Where they fall, shape (B, M) each.
-
-    Returns:
-        1.0 where one has, shape (B, M).
-    """
-    right, forward, _ = model.options.lever_arm
-    return astray(model.gate, (right, forward), carriage(model, samples), fixes, timing)
-
-
-def carriage(model: FilterModel, samples: RissSample) -> Carriage:
-    """Return how samples carry a car, as a filter's mechanization has it.
-
-    Args:
-        model: The filter.
-        samples: Samples, shape (...) each.
-    """
-    speed = samples.speed
-    if model.errors.three_d:
-        speed = speed * torch.cos(samples.pitch)
-    return Carriage(samples.dt, -samples.yaw_rate, speed, torch.ones_like(speed))
-
-
-def astray_at_ends(blocks: Blocks, found: Tensor) -> Tensor:
-    """Return whether the fix at the end of each block is astray.
-
-    Args:
-        blocks: Blocks.
-        found: Whether each fix is, shape (B, M); M at least 1.
-
-    Returns:
-        1.0 where it is, shape (B, K).
-    """
-    return gathered(found, blocks.fix.clamp(min=0)) * (blocks.fix >= 0)
 
 
 def trajectory_of_blocks(line: Timeline, inside: Trajectory, after: NavState) -> Trajectory:

@@ -251,3 +251,10 @@ def test_smoothing_keeps_to_what_was_refused(make_drive):
             given = (ekf, belief, one.samples, one.fixes, one.timing, history)
             found.append(smooth(*given, SmoothingOptions(passes=1)))
     assert apart(found[0].trajectory, found[1].trajectory) < 1e-6
+
+
+def test_a_limit_that_refuses_most_fixes_is_named_in_the_warning(make_drive):
+    printed = replace(OFF, motion_limit=3.0, motion_reference="none", reset_after=1000)
+    d = make_drive(seconds=60, rate=10)
+    with pytest.warns(UserWarning, match="position; the noise or a limit in metres is too small"):
+        run(EkfOptions(gate=printed), d)
