@@ -68,7 +68,7 @@ def test_it_writes_tables_plot_and_specs_and_replaces_only_by_force(
 
 def test_what_cannot_be_told_is_refused_in_words(bench: Path, tmp_path: Path) -> None:
     said = invoke("allan", bench, "--from", 290, code=2)
-    assert "30 s or more tell a noise" in said
+    assert "20 s or more tell a noise" in said
     out = tmp_path / "full"
     out.mkdir()
     (out / "mine.txt").write_text("mine", encoding="utf-8")

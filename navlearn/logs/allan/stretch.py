@@ -14,8 +14,8 @@ from navlearn.logs.stationary import BoolArray, stationary_intervals
 
 AXES = (*GYROS, *ACCELEROMETERS)
 
-LEAST = 30.0
-"""Shortest stretch that tells any noise, s."""
+LEAST = 20.0
+"""Shortest stretch that tells any noise, s: white noise, to a tenth or so."""
 
 GAP = 2.5
 """Samples further apart than so many periods have some missing between them, whatever the jitter
