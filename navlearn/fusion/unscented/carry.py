@@ -1,6 +1,5 @@
 """Points carried over all blocks at once: plainly, or for RISS by sums over the samples."""
 
-from functools import partial
 from typing import Any
 
 import torch
@@ -13,11 +12,15 @@ from navlearn.fusion.tight.riss_vehicle import RissBlock, RissVehicle
 from navlearn.fusion.tight.vehicle import Vehicle, VehicleAhead
 from navlearn.fusion.transition import bias_scale_transition
 from navlearn.fusion.unscented.fast_pass import Carry
+from navlearn.fusion.unscented.stretches import in_stretches
 from navlearn.fusion.unscented.sums_of_blocks import apart_at_ends, block_sums, has_sums
 
 AT_ONCE = 200_000
 """Samples times points that are carried at once where no gradient is asked for: what a processor
 keeps near at hand."""
+
+AT_ONCE_IN_SUMS = 100_000
+"""Samples that are summed up at once."""
 
 LEFT = 1e-5
 """What sums may leave of a point's place, m; points of blocks that leave more are carried."""
@@ -48,16 +51,9 @@ def carried_in_parts(vehicle: Vehicle[Any], begin: Any, deviation: Tensor, block
     Returns:
         Shape (B, K, P, n).
     """
-    drives, count, points = deviation.shape[:3]
-    samples = blocks.samples.dt.shape[-1]
-    size = max(1, AT_ONCE // (drives * points * samples))
-    if torch.is_grad_enabled() or size >= count:
-        return vehicle.carried_apart(begin, deviation, blocks)
-    parts: list[Tensor] = []
-    for k in range(0, count, size):
-        own, some = map_tree((begin, blocks), partial(_stretch, first=k, size=size))
-        parts.append(vehicle.carried_apart(own, deviation[:, k : k + size], some))
-    return torch.cat(parts, 1)
+    carry = in_stretches(vehicle.carried_apart, AT_ONCE // deviation.shape[-2])
+    images: Tensor = carry(begin, deviation, blocks)
+    return images
 
 
 def riss_carry(vehicle: RissVehicle) -> Carry:
@@ -84,7 +80,7 @@ def riss_carry(vehicle: RissVehicle) -> Carry:
             images = carried_where(vehicle, wide, begin, deviation, blocks, images)
         return VehicleAhead(end, *linear), images
 
-    return carry
+    return in_stretches(carry, AT_ONCE_IN_SUMS)
 
 
 def carried_where(
@@ -111,7 +107,3 @@ def carried_where(
     some = map_tree((begin, deviation, blocks), lambda x: x[wide].unsqueeze(0))
     carried = carried_in_parts(vehicle, *some)[0]
     return short.index_put(torch.nonzero(wide, as_tuple=True), carried)
-
-
-def _stretch(x: Tensor, first: int, size: int) -> Tensor:
-    return x[:, first : first + size]

@@ -24,6 +24,7 @@ from navlearn.fusion.unscented.fast_pass import Carry
 from navlearn.fusion.unscented.passes import UnscentedPasses
 from navlearn.fusion.unscented.prediction import RootedBelief, predicted, rooted
 from navlearn.fusion.unscented.recursion import end_block
+from navlearn.fusion.unscented.stretches import joined
 
 WIDE = 0.5
 """Deviation of azimuth above which blocks go one after another, rad."""
@@ -77,7 +78,7 @@ def run_unscented_fast(
         found = _solved(vehicle, weights, carry, at.belief, later, rest, differentiable)
         if found is not None:
             record, passes = found
-            return AllAtOnce(_joined(stacked(ends), record) if ends else record, "fast", passes)
+            return AllAtOnce(joined([stacked(ends), record]) if ends else record, "fast", passes)
         turns = turns or unstacked(blocks)
     for block in turns[gone:]:
         at, ended = _one_block(vehicle, weights, at, block)
@@ -152,12 +153,3 @@ def _later(line: VehicleLine, gone: int) -> VehicleLine:
     own = line.line
     rest = {name: map_tree(getattr(own, name), cut) for name in own._fields if name != "blocks"}
     return VehicleLine(blocks, own._replace(blocks=blocks, **rest), cut(line.delay))
-
-
-def _joined(earlier: Any, later: Any) -> Any:
-    """Return trees of tensors one after another along their blocks."""
-    if earlier is None:
-        return None
-    if isinstance(earlier, Tensor):
-        return torch.cat((earlier, later), 1)
-    return type(earlier)(*(_joined(a, b) for a, b in zip(earlier, later, strict=True)))

@@ -76,12 +76,16 @@ def test_points_wide_apart_are_carried_over_the_samples(make_drive, monkeypatch)
     assert float((told_by_sums - plain)[..., :3].abs().max()) > 1e-3
 
 
-def test_blocks_may_be_carried_some_at_a_time(make_drive, monkeypatch):
+@pytest.mark.parametrize(
+    ("carry_of", "size"), [(plain_carry, "AT_ONCE"), (riss_carry, "AT_ONCE_IN_SUMS")]
+)
+def test_blocks_may_be_carried_some_at_a_time(make_drive, monkeypatch, carry_of, size):
     d = make_drive(seconds=20, batch=2)
-    _, at_once = carried(EkfOptions(), d, plain_carry)
-    monkeypatch.setattr(carrying, "AT_ONCE", 2000)
-    _, parts = carried(EkfOptions(), d, plain_carry)
+    centre, at_once = carried(EkfOptions(), d, carry_of)
+    monkeypatch.setattr(carrying, size, 3000)
+    same, parts = carried(EkfOptions(), d, carry_of)
     torch.testing.assert_close(parts, at_once, rtol=0.0, atol=1e-12)
+    torch.testing.assert_close(same, centre)
 
 
 def test_whitened_rows_tell_the_same():
