@@ -200,8 +200,7 @@ def _refused(gate: GateOptions, seen: _Seen) -> list[float]:
     wild = ~(seen.contradiction(later - 1, later, base) <= seen.allowed(gate, later - 1, later))
     if not wild.any():
         return [0.0] * count
-    # up to the first refusal, all fixes before are believed
-    return _in_turn(gate, seen, int(wild.argmax()) + 1)
+    return _in_turn(gate, seen, wild.tolist())
 
 
 def _latest_base(seen: _Seen, later: np.ndarray) -> np.ndarray:
@@ -215,22 +214,33 @@ def _latest_base(seen: _Seen, later: np.ndarray) -> np.ndarray:
     return base
 
 
-def _in_turn(gate: GateOptions, seen: _Seen, start: int) -> list[float]:
-    """Return which fixes are refused, one after another; all before ``start`` are believed."""
+def _in_turn(gate: GateOptions, seen: _Seen, wild: list[bool]) -> list[float]:
+    """Return which fixes are refused, one after another.
+
+    ``wild`` tells which contradict the one before, if all before them are believed: that holds
+    again where those that may direct the way have been believed without a gap.
+    """
     refused = [0.0] * len(seen.lat)
-    past, waited = list(range(start)), 0
-    for k in range(start, len(seen.lat)):
+    past, waited, since = [0], 0, 0
+    for k in range(1, len(seen.lat)):
+        unbroken = since == 0 or k - since > MEMORY + 1
+        if unbroken and not wild[k - 1]:
+            past.append(k)
+            continue
         agreeing = next(
             (n for n in (1, 2) if n <= len(past) and _agrees(gate, seen, past, n, k)), 0
         )
-        if agreeing > 0:
-            # the fix before the last agrees and the last does not: that one was wrong
-            past = [*past[: len(past) - agreeing + 1], k]
+        if agreeing == 1:
+            past.append(k)
             waited = 0
+        elif agreeing == 2:
+            # the fix before the last agrees and the last does not: that one was wrong
+            past[-1] = k
+            waited, since = 0, k
         elif waited < gate.reset_after:
-            refused[k], waited = 1.0, waited + 1
+            refused[k], waited, since = 1.0, waited + 1, k + 1
         else:
-            past, waited = [k], 0
+            past, waited, since = [k], 0, k
     return refused
 
 

@@ -8,7 +8,10 @@ import torch
 from navlearn.frames import shift_geodetic
 from navlearn.fusion.gate_options import GateOptions
 from navlearn.fusion.motion_check import Carriage, astray
-from navlearn.states import FixTiming, GnssFix
+from navlearn.fusion.motion_watch import MotionWatch
+from navlearn.fusion.options import EkfOptions
+from navlearn.mechanization.options import RissOptions
+from navlearn.states import FixTiming, GnssFix, RissSample
 
 RATE = 10
 LIMIT = GateOptions(motion_limit=5.0)
@@ -186,3 +189,45 @@ def test_no_limit_and_no_fix_refuse_nothing():
     assert refused(GateOptions(), motion, east + 1e5 * timing.index, north, timing) == [[]]
     none = FixTiming(timing.index[:, :0], timing.delay[:, :0])
     assert refused(LIMIT, motion, east[:, :0], north[:, :0], none) == [[]]
+
+
+@pytest.mark.parametrize("reset_after", [2, 10])
+def test_asked_while_driving_and_over_the_record_the_answers_are_the_same(reset_after):
+    g = torch.Generator().manual_seed(1)
+
+    def normal(*shape):
+        return torch.randn(*shape, generator=g, dtype=torch.float64)
+
+    batch, count = 4, 1500
+    dt = torch.full((batch, count), 1.0 / RATE, dtype=torch.float64)
+    rate = 0.2 * torch.sin(torch.cumsum(0.01 * normal(batch, count), 1))
+    speed = (8.0 + 8.0 * torch.sin(torch.cumsum(0.05 * normal(batch, count), 1))).clamp(min=0.0)
+    middle = torch.cumsum(rate * dt, 1) - 0.5 * rate * dt
+    index = torch.arange(RATE - 1, count, RATE).expand(batch, -1).contiguous()
+    east, north = (
+        torch.gather(torch.cumsum(speed * dt * turned(middle), 1), 1, index) + normal(*index.shape)
+        for turned in (torch.sin, torch.cos)
+    )
+    hit = torch.rand(index.shape, generator=g) < 0.06
+    east = east + hit * 15.0 * normal(*index.shape)
+    east[:, 50:70] += 30.0
+    north[:, 100:] += 50.0
+    fixes, late = fixes_at(east, north), torch.full_like(east, 0.04)
+    gate = GateOptions(motion_limit=6.0, reset_after=reset_after)
+    options = EkfOptions(gate=gate, mechanization=RissOptions(dimensions=2))
+    carriage = Carriage(dt, rate, speed, torch.ones_like(dt))
+    # the car was a moment earlier where late fixes are
+    record = astray(gate, (0.0, 0.0), carriage, fixes, FixTiming(index, late))
+    none = torch.zeros_like(dt)
+    samples = RissSample(dt, -rate, speed, none, none, none, none, none)
+    watch, told = MotionWatch(options), []
+    track = watch.start(east[:, 0])
+    for k in range(count):
+        sample = RissSample(*(x[:, k] for x in samples))
+        track = watch.step(track, sample)
+        if (k + 1) % RATE == 0:
+            fix = GnssFix(*(x[:, k // RATE] for x in fixes))
+            track, wild = watch.judge(track, fix, sample, late[:, k // RATE])
+            told.append(wild)
+    assert 20 < int(record.sum()) < 300
+    assert torch.equal(torch.stack(told, 1), record)
