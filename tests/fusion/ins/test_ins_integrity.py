@@ -142,3 +142,19 @@ def test_smoothing_keeps_verdicts_and_weights_so_that_it_ends_where_the_filter_d
     end, other = (x.belief.state for x in (smoothed, history))
     gap = enu_between(*(x[-1] for x in end[:3]), *(x[-1] for x in other[:3]))
     assert max(float(x.abs()) for x in gap) < 1e-4
+
+
+def test_all_blocks_at_once_have_the_gradient_of_the_loop(make_drive, lever_arm):
+    d = spoiled(make_drive(seconds=26, rate=25))
+    options = InsEkfOptions(lever_arm=lever_arm, gate=GATES["huber"])
+    found = {}
+    for method in ("exact", "fast"):
+        ekf = InsEkf(options)
+        ekf.log_noise.requires_grad_(True)
+        belief = initial_ins_belief(options, d.start)
+        history = ekf(belief, d.samples, d.fixes, d.timing, method=method)
+        assert history.method == method
+        east, north, _ = enu_between(*history.belief.state[:3], *(x[0] for x in d.truth[:3]))
+        (found[method],) = torch.autograd.grad((east - north).square().mean(), ekf.log_noise)
+    size = found["exact"].abs().max()
+    assert float((found["fast"] - found["exact"]).abs().max() / size) < 1e-2
