@@ -27,6 +27,11 @@ SMALLEST = {
     ],
     "mechanization": ["--repeats", "1", "--loop-samples", "100"],
     "pci": ["--repeats", "1", "--windows", "2", "--draws", "2", "--rows", "100", "--seeds", "1"],
+    "tuning": [
+        *("--parts", "known", "time", "simulated", "--seconds", "400", "--hour", "300"),
+        *("--steps", "2", "--factors", "1", "--grades", "mems_m", "--tune-seeds", "11"),
+        *("--judge-seeds", "13", "--outages", "1", "--warm-up", "200"),
+    ],
     "ukf": ["--minutes", "1", "--window", "10", "--repeat", "1"],
     "predictor": ["--rows", "20", "--repeats", "1"],
     "preintegration": [
@@ -44,6 +49,10 @@ SMALLEST = {
     "tight_ekf": [
         *("--minutes", "1", "--window", "5", "--count", "2", "--short", "2", "--repeats", "1"),
     ],
+    "ukf_against_ekf": [
+        *("--seeds", "1", "--windows", "1", "--seconds", "60", "--cases", "as usual"),
+    ],
+    "ukf_vehicles": ["--minutes", "1", "--short", "2", "--repeats", "1"],
     "strapdown": [
         *("--repeats", "1", "--samples", "4000", "--loop-samples", "30"),
         *("--drift-minutes", "0.2", "--compare-minutes", "0.2"),
