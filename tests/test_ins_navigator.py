@@ -8,9 +8,11 @@ import torch
 
 from navlearn.errors import LogError
 from navlearn.filters.ins_belief import map_ins_belief
+from navlearn.filters.unscented import UnscentedOptions
 from navlearn.frames import enu_between
 from navlearn.fusion.ins.layout import moved_belief
 from navlearn.fusion.ins.options import InsEkfOptions
+from navlearn.fusion.unscented.ins import InsUkf
 from navlearn.ins_navigator import (
     InsNavigator,
     InsNavigatorOptions,
@@ -216,3 +218,19 @@ def test_false_standstill_on_a_road_of_glass_is_given_up(log):
     assert float(line.samples.stationary[run.first :][fast].mean()) > 0.1
     assert float(run.samples.stationary[fast].mean()) < 0.01
     assert float(horizontal_error(log, line, run.first, run.history.trajectory).max()) < 8.0
+
+
+def test_sigma_points_take_the_filters_place(log, line, run):
+    options = InsEkfOptions(unscented=UnscentedOptions())
+    navigator = InsNavigator(InsNavigatorOptions(filter=options))
+    points = navigator.run(line.samples, line.fixes, line.timing)
+    assert isinstance(navigator.ekf, InsUkf)
+    assert points.history.method == "fast"
+    gap = torch.stack(enu_between(*points.history.trajectory[:3], *run.history.trajectory[:3]))
+    # at 20 Hz the two tell the same car
+    assert 1e-6 < float(gap.norm(dim=0).max()) < 1.0
+    error = horizontal_error(log, line, points.first, points.history.trajectory)
+    assert float(error[200:].median()) < 2.0
+    smoothed = navigator.smooth(points, line.fixes, line.timing)
+    error = horizontal_error(log, line, points.first, smoothed.trajectory)
+    assert float(error.median()) < 2.0
