@@ -5,8 +5,8 @@ to 16, an outage of 60 s every five minutes): each is the smallest of :data:`GRI
 most one good fix in a thousand there, as the χ² gate is meant to. That of the printed test is set
 without outages, of each of which it refuses the first fix after whatever the limit. Nothing was
 changed after real drives had been looked at. ``as ghouneem2024_ukf`` is what the recipe of that
-name states, set there on simulated drives with faults. ``benchmarks/integrity_detection.py --limits`` prints
-what they were set by.
+name states, set there on simulated drives with faults. What the limits were set by is printed by
+``benchmarks/integrity_detection.py --limits``.
 """
 
 from typing import Final
