@@ -5,8 +5,9 @@ python benchmarks/tuning_by_differences.py --grades mems_m mems_l tactical
 Every filter is tuned on one drive and judged on two others. Columns: mean normalised innovation
 squared per component of position and velocity (1 for an honest filter with white errors), root
 mean square horizontal and azimuth error over the drive after its first minute, largest horizontal
-error of 60 s outages (mean over outages, with its standard error), and normalised error squared
-per component at their ends (1 for an honest filter; more is too sure of itself).
+error of 60 s outages (mean over outages, with its standard error), how much less that is than
+untuned (mean over the same outages, with its standard error), and normalised error squared per
+component at their ends (1 for an honest filter; more is too sure of itself).
 """
 
 import argparse
@@ -33,7 +34,7 @@ BASE: dict[str, Any] = {"mechanization": {"dimensions": 2}}
 RATE = 10.0
 SETTLED, OUTAGE, EVERY = 600, 600, 900
 FITTED_AND_JUDGED = ((11, (13, 14)), (13, (11, 12)))
-COLUMNS = ("NIS pos", "NIS vel", "RMS m", "azimuth °", "60 s m", "± m", "NEES/2")
+COLUMNS = ("NIS pos", "NIS vel", "RMS m", "azimuth °", "60 s m", "± m", "less m", "± m", "NEES/2")
 
 Drive = tuple[DriveLog, ReferencedDrive]
 Rule = Callable[[Drive], dict[str, Any]]
@@ -104,6 +105,7 @@ def main() -> None:
     for grade in arguments.grades:
         drives = {seed: drive(grade, seed, arguments.duration) for seed in (11, 12, 13, 14)}
         print(f"\n{grade:24}" + "".join(f"{name:>11}" for name in COLUMNS))
+        untuned = torch.zeros(0)
         for name, rule in rules(before).items():
             figures, outages = [], list[float]()
             try:
@@ -120,7 +122,14 @@ def main() -> None:
                 continue
             *means, nees = (sum(column) / len(column) for column in zip(*figures, strict=True))
             spread = torch.tensor(outages)
-            shown = [*means, float(spread.mean()), float(spread.std()) / len(spread) ** 0.5, nees]
+            untuned = untuned if len(untuned) else spread
+            less, root = untuned - spread, len(spread) ** 0.5
+            shown = [
+                *means,
+                *(float(spread.mean()), float(spread.std()) / root),
+                *(float(less.mean()), float(less.std()) / root),
+                nees,
+            ]
             print(f"{name:24}" + "".join(f"{value:11.3g}" for value in shown))
 
 
