@@ -16,7 +16,18 @@ from navlearn.logs.reading import read_log
 from navlearn.recipe.fixed_methods import FIXED_METHODS
 from navlearn.recipe.spec import BUILT_IN
 
-COMMANDS = ("check", "simulate", "methods", "run", "train", "tune", "evaluate", "export", "predict")
+COMMANDS = (
+    "check",
+    "allan",
+    "simulate",
+    "methods",
+    "run",
+    "train",
+    "tune",
+    "evaluate",
+    "export",
+    "predict",
+)
 
 
 def invoke(*arguments: object, code: int = 0) -> str:
