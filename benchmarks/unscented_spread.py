@@ -6,7 +6,8 @@
 Drives of grade mems_m start where the car moves, from the truth but for an azimuth drawn with the
 deviation that the filter is told; the gate is off. Per deviation and filter: position RMSE over
 the first 60 s, azimuth RMSE after 10 and 60 s, the share of runs that are more than 10° off after
-60 s, and the mean NEES of east, north and azimuth over the first 20 s, of which 3 is honest.
+60 s, and mean and median of the NEES of east, north and azimuth over the first 20 s, of which 3
+and 2.4 are honest; the drives' own hills and odometer make 12 of the mean.
 """
 
 import argparse
@@ -35,13 +36,12 @@ RATE, LENGTH = 10, 60
 
 SPREADS = {
     "extended": None,
+    "γ √3": UnscentedOptions(alpha=None),
     "α 1": UnscentedOptions(alpha=1.0),
-    "γ² 3": UnscentedOptions(alpha=math.sqrt(3.0 / 6.0)),
     "α 0.1": UnscentedOptions(alpha=0.1),
     "α 1e-3": UnscentedOptions(alpha=1e-3),
-    "α 1, β 0": UnscentedOptions(alpha=1.0, beta=0.0),
+    "γ √3, β 0": UnscentedOptions(alpha=None, beta=0.0),
     "α 1, κ 3": UnscentedOptions(alpha=1.0, kappa=3.0),
-    "α 1, κ 10": UnscentedOptions(alpha=1.0, kappa=10.0),
 }
 
 
@@ -110,14 +110,20 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, nargs="+", default=[11, 12, 13, 14, 15, 16])
     parser.add_argument("--draws", type=int, default=12)
-    parser.add_argument("--degrees", type=float, nargs="+", default=[5.0, 20.0, 45.0, 90.0])
+    parser.add_argument("--degrees", type=float, nargs="+", default=[20.0, 60.0, 90.0])
+    parser.add_argument("--filters", nargs="+", choices=tuple(SPREADS))
     given = parser.parse_args()
     torch.set_num_threads(1)
     warnings.simplefilter("ignore")  # what is wrong is what the table is about
     for degrees in given.degrees:
         print(f"\nazimuth at the start ± {degrees:g}°")
-        print(f"{'filter':10} {'RMSE m':>8} {'10 s °':>8} {'60 s °':>8} {'lost':>6} {'NEES':>8}")
+        print(
+            f"{'filter':10} {'RMSE m':>8} {'10 s °':>8} {'60 s °':>8} "
+            f"{'lost':>6} {'NEES':>8} {'half':>6}"
+        )
         for name, points in SPREADS.items():
+            if given.filters and name not in given.filters:
+                continue
             runs = [errors(s, given.draws, math.radians(degrees), points) for s in given.seeds]
             place, turn, squares = (torch.cat(x) for x in zip(*runs, strict=True))
             after = [turn[:, k * RATE - 1] for k in (10, 60)]
@@ -125,7 +131,8 @@ def main() -> None:
             lost = float((after[1].abs() > math.radians(10.0)).double().mean())
             print(
                 f"{name:10} {float(place.square().mean().sqrt()):8.2f} {rms[0]:8.2f} "
-                f"{rms[1]:8.2f} {lost:6.0%} {float(squares[:, :20].mean()):8.2f}"
+                f"{rms[1]:8.2f} {lost:6.0%} {float(squares[:, :20].mean()):8.2f} "
+                f"{float(squares[:, :20].median()):6.2f}"
             )
 
 

@@ -52,6 +52,9 @@ SMALLEST = {
     "ukf_against_ekf": [
         *("--seeds", "1", "--windows", "1", "--seconds", "60", "--cases", "as usual"),
     ],
+    "unscented_spread": [
+        *("--seeds", "11", "--draws", "1", "--degrees", "20", "--filters", "extended", "α 1"),
+    ],
     "ukf_vehicles": ["--minutes", "1", "--short", "2", "--repeats", "1"],
     "strapdown": [
         *("--repeats", "1", "--samples", "4000", "--loop-samples", "30"),

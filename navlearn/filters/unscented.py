@@ -22,16 +22,20 @@ from navlearn.errors import ConfigError
 class UnscentedOptions:
     """How far sigma points lie from the mean, and how much each counts.
 
-    λ = α² (n + κ) − n with n states; points lie √(n + λ) deviations from the mean. The defaults
-    lay them at √n deviations and give no negative weight.
+    λ = α² (n + κ) − n with n states; points lie γ = √(n + λ) deviations from the mean. The defaults
+    lay them at √n and give no negative weight. Where a start's azimuth is unsure by 60° and more,
+    points at √n meet behind the car and tell of nothing; √3 deviations, where the fourth moment of
+    a normal is met, are better there (``benchmarks/unscented_spread.py``). Up to 30° every spread
+    finds the same.
 
     Attributes:
-        alpha: Spread α; [Ghouneem2024] names 1e-4 to 1.
+        alpha: Spread α; [Ghouneem2024] names 1e-4 to 1. None is √(3/(n + κ)), which lays points
+            at √3 deviations however many states there are.
         beta: Weight β of what is known of the distribution beyond its covariance; 2 for a normal.
         kappa: Secondary spread κ.
     """
 
-    alpha: float = 1.0
+    alpha: float | None = 1.0
     beta: float = 2.0
     kappa: float = 0.0
 
@@ -41,7 +45,7 @@ class UnscentedOptions:
         Raises:
             ConfigError: If an option is outside its range.
         """
-        if not 0.0 < self.alpha <= 10.0:
+        if self.alpha is not None and not 0.0 < self.alpha <= 10.0:
             raise ConfigError(f"UnscentedOptions.alpha: found {self.alpha}; expected in (0, 10]")
         for name in ("beta", "kappa"):
             value = getattr(self, name)
@@ -84,8 +88,9 @@ def sigma_weights(options: UnscentedOptions, size: int) -> SigmaWeights:
     Returns:
         Weights.
     """
-    square = options.alpha**2
-    total = square * (size + options.kappa)
+    alike = size + options.kappa
+    square = 3.0 / alike if options.alpha is None else options.alpha**2
+    total = square * alike
     centre = 1.0 - size / total
     # root of n/γ² c² − 2c = β − α², real for every β and κ that are not negative
     inner = max(0.0, 1.0 + (size / total) * (options.beta - square))

@@ -122,6 +122,21 @@ def test_the_variance_of_a_square_is_exact_for_one_state(alpha):
     assert float(found.covariance) == pytest.approx(2.0 * 0.49**2, rel=1e-12)
 
 
+def test_points_may_lie_at_the_root_of_three_whatever_there_is_to_estimate():
+    for size, kappa in ((1, 0.0), (7, 0.0), (21, 2.0)):
+        weights = sigma_weights(UnscentedOptions(alpha=None, kappa=kappa), size)
+        assert weights.gamma == pytest.approx(math.sqrt(3.0), rel=1e-14)
+        told = sigma_weights(
+            UnscentedOptions(alpha=math.sqrt(3.0 / (size + kappa)), kappa=kappa), size
+        )
+        assert weights == pytest.approx(told, rel=1e-13)
+    # the fourth moment of a normal: E[x⁴] = 3
+    weights = sigma_weights(UnscentedOptions(alpha=None), 5)
+    points = sigma_points(torch.eye(5, dtype=torch.float64), weights)
+    fourth = weights.each * (points**4).sum(0)
+    torch.testing.assert_close(fourth, torch.full((5,), 3.0, dtype=torch.float64))
+
+
 def test_polar_coordinates_have_the_mean_in_closed_form():
     """E[r (cos θ, sin θ)] = μ (cos θ₀, sin θ₀) e^(−σ²/2); with γ² = 3 right to fourth order."""
     root = torch.diag(torch.tensor([0.02, 0.2], dtype=torch.float64))
