@@ -11,7 +11,7 @@ from torch import Tensor
 from navlearn.errors import ConfigError, ShapeError
 from navlearn.filters.ins_belief import InsBelief, map_ins_belief
 from navlearn.filters.tight_belief import map_tree
-from navlearn.filters.unscented import UnscentedOptions
+from navlearn.filters.unscented import UnscentedOptions, sigma_weights
 from navlearn.fusion.filters_of import ins_filter
 from navlearn.fusion.gate_options import GateOptions
 from navlearn.fusion.ins.history import InsHistory
@@ -75,6 +75,7 @@ def textbook(options: InsEkfOptions, d: Any) -> tuple[InsBelief, Tensor]:
     """Scaled unscented filter with its weights as printed (the sum, not the product), P by sums."""
     chosen = options.unscented
     assert chosen is not None
+    assert chosen.alpha is not None
     vehicle = InsVehicle(options)
     n = len(vehicle.names)
     scale = chosen.alpha**2 * (n + chosen.kappa)
@@ -288,7 +289,7 @@ def test_doors(make_drive: Any) -> None:
         filtered(unscented(), d._replace(samples=d.samples._replace(f_b=d.samples.f_b[:-1])))
     assert type(ins_filter()) is InsEkf
     assert type(ins_filter(unscented())) is InsUkf
-    assert InsUkf().weights.gamma == 4.0
+    assert InsUkf().weights == sigma_weights(UnscentedOptions(), 16)
 
 
 def test_gradients_flow(make_drive: Any) -> None:
