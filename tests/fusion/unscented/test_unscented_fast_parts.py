@@ -7,7 +7,7 @@ import torch
 
 from navlearn.filters.ekf import update
 from navlearn.filters.square_root import root_of
-from navlearn.filters.unscented import sigma_points
+from navlearn.filters.unscented import UnscentedOptions, sigma_points
 from navlearn.filters.whitening import whitened
 from navlearn.fusion.error_state import initial_belief
 from navlearn.fusion.noise import EkfNoise
@@ -109,7 +109,8 @@ def test_whitened_rows_tell_the_same():
 
 def gradients(d, method, *, sigma=None, off=0.0):
     """Return gradients of some of all that a run tells, by noise, gyro, odometer and start."""
-    ukf = LooselyCoupledUkf().requires_grad_()
+    options = EkfOptions(unscented=UnscentedOptions(alpha=1.0))
+    ukf = LooselyCoupledUkf(options).requires_grad_()
     rate, speed = (x.clone().requires_grad_() for x in (d.samples.yaw_rate, d.samples.speed))
     belief = initial_belief(
         ukf.options, d.start, sigmas={} if sigma is None else {"azimuth": sigma}
