@@ -17,11 +17,13 @@ from navlearn.recipe.spec_base import SafeguardSpec
 from navlearn.recipe.strict import parse
 from navlearn.recipe.sweep import SweepRecipe, is_sweep, load_sweep
 from navlearn.recipe.swept_drives import DegradedDrives, RecordedDrives, SimulatedDrives
+from navlearn.recipe.tuned_spec import read_tuned
 
 ROOT = Path(__file__).resolve().parents[1]
 SWEEPS = sorted(path for path in (ROOT / "training").glob("*.yaml") if is_sweep(path))
 RECIPES = sorted(set((ROOT / "training").glob("*.yaml")) - set(SWEEPS))
 SPECS = sorted((ROOT / "models").glob("*.yaml"))
+TUNED = sorted((ROOT / "training" / "tuned").glob("*.yaml"))
 DESCRIPTORS = sorted((ROOT / "datasets").glob("*.yaml"))
 
 
@@ -125,6 +127,15 @@ def test_sweep_parses_and_names_what_exists(path: Path) -> None:
     for log in logs:
         assert log.descriptor is not None
         assert log.descriptor.is_file()
+
+
+@named(TUNED)
+def test_tuned_spec_parses_and_says_what_it_was_made_from(path: Path) -> None:
+    spec = read_tuned(path)
+    assert spec.name == path.stem
+    assert spec.made_from
+    text = "".join(one.read_text(encoding="utf-8") for one in (*RECIPES, *SWEEPS))
+    assert f"--out training/tuned/{path.name}" in text
 
 
 @named(SPECS)

@@ -28,6 +28,7 @@ def main() -> None:
     parser.add_argument("recipes", type=Path, nargs="+")
     parser.add_argument("--states", action="store_true", help="RMS error of every state")
     parser.add_argument("--drives", type=int, help="with --states: so many drives of each grade")
+    parser.add_argument("--first-seed", type=int, help="with --states: in place of the sweep's")
     parser.add_argument("--log", type=Path, help="descriptor of another log, in place of theirs")
     parser.add_argument("--clocks-until", type=float, default=900.0, metavar="SECONDS")
     parser.add_argument("--csv", type=Path, help="file for the errors at every time")
@@ -36,7 +37,7 @@ def main() -> None:
     rows = []
     for path in asked.recipes:
         if asked.states:
-            found = list(drives_of(path, asked.clocks_until, asked.drives))
+            found = [*drives_of(path, asked.clocks_until, asked.drives, asked.first_seed)]
             parts = [drive_errors(one.log, one.recipe).assign(group=one.group) for one in found]
             rows.append(pd.concat(parts))
             for group, errors in rows[-1].groupby("group"):

@@ -23,7 +23,8 @@ from navlearn.logs.drive_log import DriveLog
 from navlearn.outages.schedule import Outage
 from navlearn.outages.state_errors import VELOCITY_TIME, judged_together, state_errors
 from navlearn.recipe import Recipe, load_recipe
-from navlearn.recipe.sweep import is_sweep, load_sweep
+from navlearn.recipe.sweep import SweepRecipe, is_sweep, load_sweep
+from navlearn.recipe.swept_drives import SimulatedDrives
 from navlearn.states import InsState
 
 SETTLE: Final = 60.0
@@ -129,13 +130,16 @@ class WholeDrive(NamedTuple):
     log: DriveLog
 
 
-def drives_of(path: Path, clocks_until: float, drives: int | None = None) -> Iterator[WholeDrive]:
+def drives_of(
+    path: Path, clocks_until: float, drives: int | None = None, first_seed: int | None = None
+) -> Iterator[WholeDrive]:
     """Yield the drives of a recipe or a sweep.
 
     Args:
         path: The recipe's file.
         clocks_until: Latencies are estimated from what lies before this time, s.
         drives: At most so many of each grade; None means all.
+        first_seed: Seed of the first simulated drive; None means the sweep's own.
     """
     if not is_sweep(path):
         recipe = load_recipe(path)
@@ -144,8 +148,14 @@ def drives_of(path: Path, clocks_until: float, drives: int | None = None) -> Ite
         return
     sweep = load_sweep(path).shortened(drives=drives)
     for grade in sweep.sweep.grades:
-        for seed in sweep.sweep.seeds:
+        for seed in _seeds(sweep, first_seed):
             made, _ = make_drive(sweep, grade, seed)
             recipe = sweep.for_drive(made.metadata.name, sweep.sweep.durations_s[0], grade)
             log, _ = set_clocks(made, recipe, clocks_until)
             yield WholeDrive(gyro_class(grade), recipe, log)
+
+
+def _seeds(sweep: SweepRecipe, first_seed: int | None) -> tuple[int, ...]:
+    if first_seed is None or not isinstance(sweep.sweep, SimulatedDrives):
+        return sweep.sweep.seeds
+    return tuple(range(first_seed, first_seed + sweep.sweep.drives))

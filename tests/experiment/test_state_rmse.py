@@ -76,7 +76,9 @@ def test_drives_of_a_sweep_are_counted_by_class(tmp_path: Path) -> None:
     path.write_text(yaml.safe_dump(SWEEP), encoding="utf-8")
     drives = list(drives_of(path, 100.0, 2))
     assert [one.group for one in drives] == ["M", "M"]
-    assert len({one.log.metadata.name for one in drives}) == 2
+    assert [one.log.metadata.name[-2:] for one in drives] == ["11", "12"]
+    (other,) = drives_of(path, 100.0, 1, 14)
+    assert other.log.metadata.name.endswith("14")
     errors = drive_errors(drives[0].log, drives[0].recipe, ("ekf",))
     assert set(STATES) < set(errors.columns)
     assert errors["drive"].unique().tolist() == [drives[0].log.metadata.name]
