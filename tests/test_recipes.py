@@ -59,7 +59,8 @@ def cut_to_one_drive(sweep: SweepRecipe) -> SweepRecipe:
         logs = drives["logs"][1:2] or drives["logs"]
         drives |= {"logs": logs, "durations_s": drives["durations_s"][:1]}
     else:
-        drives |= {"drives": 1, "first_seed": 11, "durations_s": drives["durations_s"][:1]}
+        # seeds that nothing was tuned on
+        drives |= {"drives": 1, "first_seed": 13, "durations_s": drives["durations_s"][:1]}
     if isinstance(sweep.sweep, SimulatedDrives | DegradedDrives):
         drives |= {"grades": ["mems_l"], "durations_s": [60.0]}
     if isinstance(sweep.sweep, SimulatedDrives):

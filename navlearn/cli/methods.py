@@ -15,7 +15,7 @@ def methods() -> None:
         typer.echo(f"{name:{widths[0]}}  {regime:{widths[1]}}  {description}")
     typer.echo(
         "\nnone: nothing is learned. online: learned before each outage on the drive itself.\n"
-        "other-drives: tuned or learned on what is not judged, then frozen.\n"
+        "tuned: noise found on what is not judged. other-drives: learned there, then frozen.\n"
         "post-processing: sees fixes after the outage. oracle: knows what no method can know.\n"
         "Further models: --model SPEC.yaml, and its name among the methods."
     )

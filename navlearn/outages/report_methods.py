@@ -16,6 +16,7 @@ REGIMES = {
     "none": "nothing is learned",
     "online": "learned on this drive, anew for each outage, from what lies before it",
     "other-drives": "learned on other drives, then frozen",
+    "tuned": "noise found on other drives or on an earlier part of this one, then frozen",
     "adapted": "learned on other drives, then adapted to what lies before each outage",
     "post-processing": (
         "nothing is learned, but the fixes after each outage are seen, none inside it: for work "

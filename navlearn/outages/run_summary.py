@@ -39,7 +39,7 @@ class MethodSummary:
 
     Attributes:
         description: What it is, in a sentence.
-        regime: ``none`` (nothing is trained), ``online``, ``other-drives``, ``adapted``, or
+        regime: ``none`` (nothing is trained), ``tuned``, ``online``, ``other-drives``, ``adapted``, or
             ``post-processing``, which knows what came after the outage.
         notes: Anything else worth reading, such as how often a safeguard spoke.
         guarded: Whether a safeguard stands between what was learned and the solution; of no

@@ -10,7 +10,7 @@ class FixedMethod(NamedTuple):
 
     Attributes:
         description: What it does, in a sentence.
-        regime: ``none`` (nothing is trained), ``other-drives`` (tuned on what is not judged),
+        regime: ``none`` (nothing is trained), ``tuned`` (on what is not judged),
             ``post-processing`` (sees fixes after the outage) or ``oracle`` (knows what no method
             can know).
     """
@@ -55,7 +55,7 @@ FIXED_METHODS: Final[dict[str, FixedMethod]] = {
         "of single satellites"
     ),
     **{
-        name: FixedMethod(described(name), "other-drives" if made.tuned else "none")
+        name: FixedMethod(described(name), "tuned" if made.tuned else "none")
         for name, made in INGREDIENTS.items()
     },
     "rts": FixedMethod(

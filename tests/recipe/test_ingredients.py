@@ -66,7 +66,7 @@ def test_a_name_says_its_ingredients() -> None:
         assert made.unscented == ("ukf" in name)
         assert made.tuned == ("+tuned" in name)
         assert made.integrity == ("+integrity" in name)
-        assert FIXED_METHODS[name].regime == ("other-drives" if made.tuned else "none")
+        assert FIXED_METHODS[name].regime == ("tuned" if made.tuned else "none")
         assert name in FIXED
     assert not any(ingredients_of("ekf"))
     assert not any(ingredients_of("ekf+pci"))
