@@ -39,8 +39,8 @@ class MethodSummary:
 
     Attributes:
         description: What it is, in a sentence.
-        regime: ``none`` (nothing is trained), ``tuned``, ``online``, ``other-drives``, ``adapted``, or
-            ``post-processing``, which knows what came after the outage.
+        regime: ``none`` (nothing is trained), ``tuned``, ``online``, ``other-drives``,
+            ``adapted``, or ``post-processing``, which knows what came after the outage.
         notes: Anything else worth reading, such as how often a safeguard spoke.
         guarded: Whether a safeguard stands between what was learned and the solution; of no
             meaning where nothing is learned.
