@@ -35,6 +35,7 @@ class ConstantVelocity:
     gate = GateOptions()
     anchor = None
     company = ()
+    unscented = None
 
     def laid_out(
         self, samples: RissSample, fixes: GnssFix | None, timing: FixTiming
