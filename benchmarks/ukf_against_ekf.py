@@ -231,7 +231,9 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=6)
     parser.add_argument("--windows", type=int, default=4, help="per seed")
     parser.add_argument("--seconds", type=int, default=240, help="length of a window")
-    parser.add_argument("--alpha", type=float, default=1.0, help="spread of the sigma points")
+    parser.add_argument(
+        "--alpha", type=float, help="spread of the sigma points; √3 deviations if not given"
+    )
     parser.add_argument("--cases", default="", help="only rows whose names hold this")
     args = parser.parse_args()
     torch.set_num_threads(1)

@@ -93,14 +93,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--minutes", type=int, default=10)
     parser.add_argument("--short", type=int, default=60, help="seconds of runs with gradients")
-    parser.add_argument("--alpha", type=float, default=1.0, help="spread of the points")
+    parser.add_argument(
+        "--alpha", type=float, help="spread of the points; √3 deviations if not given"
+    )
     parser.add_argument("--vehicles", nargs="+", default=list(VEHICLES), choices=list(VEHICLES))
     parser.add_argument("--repeats", type=int, default=3)
     options = parser.parse_args()
     torch.set_num_threads(1)
-    print(
-        f"{'filter':12} {'form':22} {'CPU s':>8} {'samples/s':>11} {'x ekf':>7} {'x exact':>8} "
-    )
+    print(f"{'filter':12} {'form':22} {'CPU s':>8} {'samples/s':>11} {'x ekf':>7} {'x exact':>8} ")
     for kind in options.vehicles:
         print_kind(kind, options)
 

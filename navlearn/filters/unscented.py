@@ -23,19 +23,18 @@ class UnscentedOptions:
     """How far sigma points lie from the mean, and how much each counts.
 
     λ = α² (n + κ) − n with n states; points lie γ = √(n + λ) deviations from the mean. The defaults
-    lay them at √n and give no negative weight. Where a start's azimuth is unsure by 60° and more,
-    points at √n meet behind the car and tell of nothing; √3 deviations, where the fourth moment of
-    a normal is met, are better there (``benchmarks/unscented_spread.py``). Up to 30° every spread
-    finds the same.
+    lay them at √3, where the fourth moment of a normal is met, however many states there are; α = 1
+    lays them at √n, four deviations for a full IMU. Up to a start's azimuth that is unsure by 30°
+    every spread finds the same; from 60° on points at √n meet behind the car and tell of nothing
+    (``benchmarks/unscented_spread.py``).
 
     Attributes:
-        alpha: Spread α; [Ghouneem2024] names 1e-4 to 1. None is √(3/(n + κ)), which lays points
-            at √3 deviations however many states there are.
+        alpha: Spread α; [Ghouneem2024] names 1e-4 to 1. None is √(3/(n + κ)).
         beta: Weight β of what is known of the distribution beyond its covariance; 2 for a normal.
         kappa: Secondary spread κ.
     """
 
-    alpha: float | None = 1.0
+    alpha: float | None = None
     beta: float = 2.0
     kappa: float = 0.0
 

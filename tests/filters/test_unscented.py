@@ -18,11 +18,17 @@ from navlearn.filters.unscented import (
 
 SPREADS = [
     UnscentedOptions(),
+    UnscentedOptions(alpha=1.0),
     UnscentedOptions(alpha=0.5, beta=2.0, kappa=1.0),
     UnscentedOptions(alpha=1.0, beta=0.0, kappa=0.0),
     UnscentedOptions(alpha=1.3, beta=0.5, kappa=3.0),
     UnscentedOptions(alpha=1e-2, beta=2.0, kappa=0.0),
 ]
+
+
+def spread_of(options, n):
+    """α; None stands for points three deviations out in the square."""
+    return math.sqrt(3.0 / (n + options.kappa)) if options.alpha is None else options.alpha
 
 
 def random_root(seed, n, batch=()):
@@ -42,7 +48,8 @@ def curved(x):
 def textbook(options, root, function, mean):
     """[Ghouneem2024] (14)–(24) with the sum that is meant, as loops over columns."""
     n = root.shape[-1]
-    scale = options.alpha**2 * (n + options.kappa) - n
+    alpha = spread_of(options, n)
+    scale = alpha**2 * (n + options.kappa) - n
     spread = math.sqrt(n + scale)
     points = [mean]
     points += [mean + spread * root[:, j] for j in range(n)]
@@ -50,7 +57,7 @@ def textbook(options, root, function, mean):
     in_mean = np.full(2 * n + 1, 0.5 / (n + scale))
     in_mean[0] = scale / (n + scale)
     in_square = in_mean.copy()
-    in_square[0] += 1.0 - options.alpha**2 + options.beta
+    in_square[0] += 1.0 - alpha**2 + options.beta
     images = [function(torch.from_numpy(p)).numpy() for p in points]
     centre = sum(w * y for w, y in zip(in_mean, images, strict=True))
     square = sum(
@@ -76,7 +83,7 @@ def test_moments_are_the_textbooks(options):
     centre, square, cross = textbook(options, root.numpy(), curved, mean.numpy())
     found, moments = moments_of(options, root, curved, mean)
     # what the textbook's sums keep beside a weight as large as 1/α²
-    close = {"rtol": 0.0, "atol": 1e-13 / min(1.0, options.alpha**2)}
+    close = {"rtol": 0.0, "atol": 1e-13 / min(1.0, spread_of(options, 4) ** 2)}
     np.testing.assert_allclose(found.numpy(), centre, **close)
     np.testing.assert_allclose(moments.covariance.numpy(), square, **close)
     np.testing.assert_allclose((root @ moments.slope.T).numpy(), cross, **close)
@@ -85,7 +92,7 @@ def test_moments_are_the_textbooks(options):
 def test_weights_are_those_of_filterpy():
     kalman = pytest.importorskip("filterpy.kalman", reason="pip install filterpy")
     for options in SPREADS:
-        peer = kalman.MerweScaledSigmaPoints(5, options.alpha, options.beta, options.kappa)
+        peer = kalman.MerweScaledSigmaPoints(5, spread_of(options, 5), options.beta, options.kappa)
         ours = sigma_weights(options, 5)
         assert ours.mean == pytest.approx(peer.Wm[0], rel=1e-12, abs=1e-12)
         assert ours.covariance == pytest.approx(peer.Wc[0], rel=1e-12)
@@ -122,16 +129,16 @@ def test_the_variance_of_a_square_is_exact_for_one_state(alpha):
     assert float(found.covariance) == pytest.approx(2.0 * 0.49**2, rel=1e-12)
 
 
-def test_points_may_lie_at_the_root_of_three_whatever_there_is_to_estimate():
+def test_points_lie_at_the_root_of_three_whatever_there_is_to_estimate():
     for size, kappa in ((1, 0.0), (7, 0.0), (21, 2.0)):
-        weights = sigma_weights(UnscentedOptions(alpha=None, kappa=kappa), size)
+        weights = sigma_weights(UnscentedOptions(kappa=kappa), size)
         assert weights.gamma == pytest.approx(math.sqrt(3.0), rel=1e-14)
         told = sigma_weights(
             UnscentedOptions(alpha=math.sqrt(3.0 / (size + kappa)), kappa=kappa), size
         )
         assert weights == pytest.approx(told, rel=1e-13)
     # the fourth moment of a normal: E[x⁴] = 3
-    weights = sigma_weights(UnscentedOptions(alpha=None), 5)
+    weights = sigma_weights(UnscentedOptions(), 5)
     points = sigma_points(torch.eye(5, dtype=torch.float64), weights)
     fourth = weights.each * (points**4).sum(0)
     torch.testing.assert_close(fourth, torch.full((5,), 3.0, dtype=torch.float64))

@@ -150,11 +150,12 @@ def in_numpy(options, points, d, vehicle):
     East, north, up, azimuth, gyro bias, odometer scale; the azimuth's mean by sines and cosines.
     """
     n, rate = 6, len(d.samples.dt[0]) // len(d.timing.index[0])
-    lam = points.alpha**2 * (n + points.kappa) - n
+    square = 3.0 / (n + points.kappa) if points.alpha is None else points.alpha**2
+    lam = square * (n + points.kappa) - n
     w = np.full(2 * n + 1, 0.5 / (n + lam))
     w[0] = lam / (n + lam)
     wc = w.copy()
-    wc[0] += 1.0 - points.alpha**2 + points.beta
+    wc[0] += 1.0 - square + points.beta
     noise = vehicle.noise
     R = np.diag(
         [(1.5 * 1.0) ** 2 + float(noise.position_floor) ** 2] * 2
