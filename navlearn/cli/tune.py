@@ -69,13 +69,14 @@ def tune(
     search goes on where it stopped when the same command is given again.
     """
     from navlearn.cli.tuned import show_tuned
-    from navlearn.experiment.tuning import METHODS, tune_recipe
+    from navlearn.experiment.tuning import METHODS, refuse_overwriting, tune_recipe
     from navlearn.learning.noise_options import TuningOptions
 
     if method not in METHODS:
         raise ConfigError(f"--method {method}: choose among {', '.join(METHODS)}")
     if not 0.0 <= holdout < 1.0:
         raise ConfigError(f"--holdout {holdout:g}: give a share from 0 to below 1")
+    refuse_overwriting(out, force)
     loaded, stretches = _stretches(recipe, seeds, tuple(log or ()), grade, holdout)
     tuning = TuningOptions(
         free=tuple(split_words(free)) or None,

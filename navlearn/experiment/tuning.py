@@ -97,8 +97,7 @@ def tune_recipe(
         FilterDivergedError: The filter is lost.
     """
     begun = time.monotonic()
-    if out.exists() and not force:
-        raise OutputExistsError(f"{out}: exists; move it away, name another file, or force it")
+    refuse_overwriting(out, force)
     if method not in METHODS:
         raise ConfigError(f"method: found {method!r}; choose among {', '.join(METHODS)}")
     parts = [(stretch, stretch.tuning) for stretch in stretches]
@@ -125,6 +124,20 @@ def tune_recipe(
     write_tuned(out, spec, replace=force)
     shutil.rmtree(checkpoint, ignore_errors=True)
     return TuningResult(spec=spec, figures=found.figures, held_out=gain, wall=wall)
+
+
+def refuse_overwriting(out: Path, force: bool) -> None:
+    """Refuse a file that is there, before anything is read or tuned.
+
+    Args:
+        out: The spec's file.
+        force: Whether it may be replaced.
+
+    Raises:
+        OutputExistsError: It is there, and may not be replaced.
+    """
+    if out.exists() and not force:
+        raise OutputExistsError(f"{out}: exists; move it away, name another file, or force it")
 
 
 def _by_gradient(
