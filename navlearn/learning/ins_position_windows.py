@@ -19,6 +19,7 @@ from navlearn.frames import enu_between, shift_geodetic
 from navlearn.fusion.ins.history import InsHistory
 from navlearn.fusion.ins.layout import imu_corrected, imu_errors
 from navlearn.fusion.ins.loosely_coupled import InsEkf
+from navlearn.fusion.unscented.ins import InsUkf
 from navlearn.learning.ins_regressors import coast_means, ins_regressors
 from navlearn.learning.pseudo_outages import (
     PseudoOutageOptions,
@@ -55,7 +56,7 @@ class InsOutages(NamedTuple):
 
 
 def filter_without_fixes(
-    ekf: InsEkf, belief: InsBelief, samples: ImuSample, method: Form = "fast"
+    ekf: InsEkf | InsUkf, belief: InsBelief, samples: ImuSample, method: Form = "fast"
 ) -> InsState:
     """Return the filter's path from beliefs on with no fix, shape (N, L) each.
 
@@ -79,7 +80,7 @@ def filter_without_fixes(
 
 
 def emulate_ins_outages(
-    ekf: InsEkf,
+    ekf: InsEkf | InsUkf,
     samples: ImuSample,
     history: InsHistory,
     options: PseudoOutageOptions,
@@ -205,7 +206,7 @@ def without_increments(path: InsState, increments: Tensor, block: int) -> InsSta
 
 
 def coast_inputs(
-    ekf: InsEkf,
+    ekf: InsEkf | InsUkf,
     belief: InsBelief,
     samples: ImuSample,
     path: InsState,
@@ -227,7 +228,9 @@ def coast_inputs(
     return ins_regressors(coast_means(path, samples.dt, omega, force, block), names)
 
 
-def ins_training_windows(ekf: InsEkf, outages: InsOutages, names: tuple[str, ...]) -> Windows:
+def ins_training_windows(
+    ekf: InsEkf | InsUkf, outages: InsOutages, names: tuple[str, ...]
+) -> Windows:
     """Return windows of regressors and error increments, every row of weight one.
 
     Args:
