@@ -1,5 +1,6 @@
 """A full IMU under a tightly coupled filter: a strapdown carries the antenna."""
 
+import math
 from typing import NamedTuple
 
 import torch
@@ -203,6 +204,20 @@ def apart_from_first(deviation: Tensor, end: InsState, way: Tensor, sensor: Tens
     """
     along = deviation.dim() - 2
     centre = InsState(*(x.narrow(along, 0, 1).expand_as(x) for x in end))
-    rest = state_difference(end, centre)[..., 3:]
+    apart = state_difference(end, centre)
     position = deviation[..., :3] + way - way[..., :1, :]
-    return torch.cat((position, rest, sensor - sensor[..., :1, :]), -1)
+    turn = _unwound(apart[..., 6:], deviation[..., 6:9])
+    return torch.cat((position, apart[..., 3:6], turn, sensor - sensor[..., :1, :]), -1)
+
+
+def _unwound(turn: Tensor, near: Tensor) -> Tensor:
+    """Return the same turns by whole turns more, as near to others as may be, shape (..., 3).
+
+    Points may lie further than half a turn apart, and attitudes tell the shorter way round only.
+    """
+    square = (turn * turn).sum(-1, keepdim=True)
+    angle = torch.where(square > 0.0, square, 1.0).sqrt()
+    along = (turn * near).sum(-1, keepdim=True) / angle
+    more = torch.round((along - angle).detach() / (2.0 * math.pi))
+    more = torch.where(square > 0.0, more, 0.0)
+    return turn * (1.0 + 2.0 * math.pi * more / angle)

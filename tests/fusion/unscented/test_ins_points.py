@@ -207,3 +207,17 @@ def test_positions_move_there_and_back() -> None:
     correction[:3] = vector(30.0, -40.0, 10.0)
     found = vehicle.difference(vehicle.moved(belief, correction, None), belief, None)
     torch.testing.assert_close(found, correction, rtol=0.0, atol=1e-3)
+
+
+@pytest.mark.parametrize("degrees", [-350.0, -200.0, 120.0, 190.0, 311.0, 400.0])
+def test_points_may_lie_further_than_half_a_turn_apart(degrees: float) -> None:
+    """An azimuth of which nothing is known stays unknown: no point comes back the other way."""
+    options = CHOICES["15"]
+    vehicle = InsVehicle(options)
+    block = block_of(vehicle, 10)
+    belief = map_ins_belief(belief_of(options), lambda x: x.unsqueeze(0))
+    apart = torch.zeros(1, 3, len(vehicle.names), dtype=torch.float64)
+    apart[0, 1, 6:9] = math.radians(degrees) * vector(0.1, 0.2, 1.0) / vector(0.1, 0.2, 1.0).norm()
+    apart[0, 2] = -apart[0, 1]
+    found = vehicle.carried_apart(belief, apart, block)
+    torch.testing.assert_close(found[..., 6:9], apart[..., 6:9], rtol=0.0, atol=1e-3)
