@@ -2,6 +2,7 @@
 
 from torch import nn
 
+from navlearn.errors import ConfigError
 from navlearn.filters.unscented import UnscentedOptions
 from navlearn.fusion.filter_model import FilterModel
 from navlearn.fusion.gate_options import GateOptions
@@ -57,3 +58,19 @@ class GatedVehicle(nn.Module):
     def angle_rows(self) -> tuple[int, ...]:
         """Rows that are angles: none."""
         return ()
+
+
+def closed_only(feedback: str) -> None:
+    """Refuse an open loop.
+
+    Args:
+        feedback: ``closed`` or ``open``.
+
+    Raises:
+        ConfigError: If it is open.
+    """
+    if feedback != "closed":
+        raise ConfigError(
+            f"tight filter: found feedback {feedback!r}; ranges are linear only near the car, so "
+            "estimated errors are always fed back: choose feedback closed"
+        )

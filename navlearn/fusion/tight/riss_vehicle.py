@@ -24,17 +24,10 @@ from navlearn.fusion.opening import opened
 from navlearn.fusion.options import EkfOptions
 from navlearn.fusion.record import path_in_blocks
 from navlearn.fusion.sequential import carried_sample, predict_sample
-from navlearn.fusion.tight.gated_vehicle import GatedVehicle
+from navlearn.fusion.tight.gated_vehicle import GatedVehicle, closed_only
 from navlearn.fusion.tight.passes import RissPasses
-from navlearn.fusion.tight.vehicle import (
-    Antenna,
-    VehicleAhead,
-    VehicleLine,
-    block_at,
-    closed_only,
-    for_points,
-    no_fixes,
-)
+from navlearn.fusion.tight.trees import block_at, for_points
+from navlearn.fusion.tight.vehicle import Antenna, VehicleAhead, VehicleLine, no_fixes
 from navlearn.fusion.timeline import Timeline, timeline, trajectory_of_blocks
 from navlearn.fusion.updates import Measured, Occasion, car_at_end, measured
 from navlearn.states import FixTiming, GnssFix, RissSample, Trajectory

@@ -10,7 +10,6 @@ from typing import Any, NamedTuple, Protocol, TypeVar
 import torch
 from torch import Tensor
 
-from navlearn.errors import ConfigError
 from navlearn.filters.belief import Belief
 from navlearn.filters.ins_belief import InsBelief
 from navlearn.filters.unscented import UnscentedOptions
@@ -24,7 +23,6 @@ from navlearn.fusion.updates import Measured
 from navlearn.states import FixTiming, GnssFix, InsState, Trajectory
 
 AnyBelief = TypeVar("AnyBelief", Belief, InsBelief)
-T = TypeVar("T")
 
 
 class VehicleLine(NamedTuple):
@@ -133,7 +131,8 @@ class Vehicle(Protocol[AnyBelief]):
 
         Args:
             belief: Beliefs at the starts of blocks, batch shape (..., P).
-            block: The blocks, batch shape (..., P), see :func:`for_points`.
+            block: The blocks, batch shape (..., P), see
+                :func:`navlearn.fusion.tight.trees.for_points`.
         """
         ...
 
@@ -208,19 +207,6 @@ class Vehicle(Protocol[AnyBelief]):
         ...
 
 
-def block_at(blocks: T, k: int) -> T:
-    """Return one of all blocks, batch shape (B,).
-
-    Args:
-        blocks: Tree of named tuples of tensors, shape (B, K, ...) each.
-        k: Which.
-    """
-    if isinstance(blocks, Tensor):
-        return blocks[:, k]  # type: ignore[return-value]
-    parts: Any = blocks
-    return type(blocks)(*(block_at(part, k) for part in parts))
-
-
 def blocks_in_turn(vehicle: Vehicle[Any], line: VehicleLine) -> list[Any]:
     """Return the blocks of drives one after another, batch shape (B,) each.
 
@@ -232,48 +218,6 @@ def blocks_in_turn(vehicle: Vehicle[Any], line: VehicleLine) -> list[Any]:
     return unstacked(vehicle.all_blocks(line))
 
 
-def for_points(tree: T, batch: int, points: int) -> T:
-    """Return beliefs or blocks once for each of several points, as views.
-
-    Args:
-        tree: Tree of named tuples of tensors and None, batch shape (...).
-        batch: Number of batch axes.
-        points: Number of points P.
-
-    Returns:
-        The same of batch shape (..., P).
-    """
-    if tree is None:
-        return tree
-    if isinstance(tree, Tensor):
-        shape = tree.shape
-        wide = tree.unsqueeze(batch).expand(*shape[:batch], points, *shape[batch:])
-        return wide  # type: ignore[return-value]
-    parts: Any = tree
-    return type(tree)(*(for_points(part, batch, points) for part in parts))
-
-
-def apart_by_difference(
-    vehicle: Vehicle[Any], belief: Any, deviation: Tensor, block: Any
-) -> Tensor:
-    """Answer ``Vehicle.carried_apart`` by moving, carrying and comparing whole beliefs.
-
-    Latitudes keep about a nanometre, of which points as narrow as α = 1e-4 make centimetres.
-
-    Args:
-        vehicle: The vehicle.
-        belief: Belief at the starts of blocks, batch shape (...).
-        deviation: Points about it, the first zero, shape (..., P, n).
-        block: The blocks, batch shape (...).
-    """
-    batch, points = deviation.dim() - 2, deviation.shape[-2]
-    wide = for_points(block, batch, points)
-    start = vehicle.moved_at_start(for_points(belief, batch, points), deviation, wide)
-    ends = vehicle.carried(start, wide)
-    centre = for_points(vehicle.carried(belief, block), batch, points)
-    return -vehicle.difference(centre, ends, wide)
-
-
 def no_fixes(timing: FixTiming) -> GnssFix:
     """Return fixes that tell nothing, at given moments.
 
@@ -281,19 +225,3 @@ def no_fixes(timing: FixTiming) -> GnssFix:
         timing: The moments, shape (B, M) each.
     """
     return GnssFix(*(torch.zeros_like(timing.delay) for _ in GnssFix._fields))
-
-
-def closed_only(feedback: str) -> None:
-    """Refuse an open loop.
-
-    Args:
-        feedback: ``closed`` or ``open``.
-
-    Raises:
-        ConfigError: If it is open.
-    """
-    if feedback != "closed":
-        raise ConfigError(
-            f"tight filter: found feedback {feedback!r}; ranges are linear only near the car, so "
-            "estimated errors are always fed back: choose feedback closed"
-        )

@@ -18,7 +18,8 @@ from navlearn.fusion.ins.fast_blocks import Sums, summed
 from navlearn.fusion.ins.layout import moved_state
 from navlearn.fusion.ins.noise import walks
 from navlearn.fusion.tight.ins_vehicle import InsVehicle, apart_from_first
-from navlearn.fusion.tight.vehicle import VehicleAhead, for_points
+from navlearn.fusion.tight.trees import for_points
+from navlearn.fusion.tight.vehicle import VehicleAhead
 from navlearn.fusion.unscented.carry import carried_where, plain_carry
 from navlearn.fusion.unscented.fast_pass import Carry
 from navlearn.mechanization.preintegration import block_transition, corrected, predict

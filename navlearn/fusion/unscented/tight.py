@@ -29,7 +29,8 @@ from navlearn.fusion.tight.ranges import measured_ranges, with_surprise
 from navlearn.fusion.tight.seen import Seen
 from navlearn.fusion.tight.steps import TightSteps
 from navlearn.fusion.tight.timeline import Reception
-from navlearn.fusion.tight.vehicle import Antenna, for_points
+from navlearn.fusion.tight.trees import for_points
+from navlearn.fusion.tight.vehicle import Antenna
 from navlearn.fusion.unscented.prediction import ahead_by_points, rooted
 from navlearn.fusion.unscented.update import images_of, measured_at_points, of_first
 from navlearn.fusion.updates import Measured

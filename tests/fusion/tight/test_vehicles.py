@@ -23,7 +23,8 @@ from navlearn.fusion.options import EkfOptions
 from navlearn.fusion.recursion import stacked
 from navlearn.fusion.tight.ins_vehicle import InsVehicle
 from navlearn.fusion.tight.riss_vehicle import RissVehicle
-from navlearn.fusion.tight.vehicle import Antenna, block_at, blocks_in_turn
+from navlearn.fusion.tight.trees import block_at
+from navlearn.fusion.tight.vehicle import Antenna, blocks_in_turn
 from navlearn.logs.imu_timeline import ImuTimeline, imu_timeline
 from navlearn.logs.synthetic import simulate_drive
 from navlearn.mechanization.options import RissOptions

@@ -17,7 +17,7 @@ from navlearn.fusion.ins.composed import has_closed_form
 from navlearn.fusion.ins.options import InsEkfOptions
 from navlearn.fusion.ins.start import initial_ins_belief
 from navlearn.fusion.tight.ins_vehicle import InsBlock, InsVehicle
-from navlearn.fusion.tight.vehicle import block_at
+from navlearn.fusion.tight.trees import block_at
 from navlearn.states import FixTiming, GnssFix, ImuSample, InsState
 
 CHOICES = {

@@ -11,7 +11,7 @@ from navlearn.filters.belief import Belief
 from navlearn.filters.unscented import UnscentedOptions, sigma_weights
 from navlearn.fusion.gate_options import GateOptions
 from navlearn.fusion.measurements import Kind, Rows
-from navlearn.fusion.tight.vehicle import VehicleAhead, apart_by_difference
+from navlearn.fusion.tight.vehicle import VehicleAhead
 from navlearn.fusion.unscented.recursion import run_unscented_loop
 from navlearn.fusion.updates import Measured
 from navlearn.states import NavState
@@ -64,7 +64,9 @@ class Linear:
         return belief._replace(sensor=self._through(belief.sensor, block))
 
     def carried_apart(self, belief: Belief, deviation: Tensor, block: LinearBlock) -> Tensor:
-        return apart_by_difference(self, belief, deviation, block)
+        for F in block.F.unbind(-3):
+            deviation = deviation @ F.transpose(-1, -2)
+        return deviation
 
     def in_samples(self, block: LinearBlock) -> list[LinearBlock]:
         return [
