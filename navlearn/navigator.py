@@ -87,7 +87,6 @@ class Navigator:
             FilterDivergedError: The covariance or state is no longer finite or positive.
         """
         warn_of_level_samples(self.options.filter, samples)
-        warn_of_level_samples(self.options.filter, samples)
         alignment = align_riss(samples, fixes, timing, self.options.alignment)
         first = alignment.sample + 1
         rest = RissSample(*(channel[first:] for channel in samples))
