@@ -88,12 +88,13 @@ def _write_specs(folder: "OutputFolder", drive: "DriveLog", found: "StandstillNo
     """Write what a filter can start with, for either kind of filter where all is told."""
     from navlearn.errors import FitError
     from navlearn.learning.allan_start import allan_values
+    from navlearn.logs.origin import drive_name
     from navlearn.outages.store import log_fingerprint
     from navlearn.recipe.tuned_spec import TunedOn, TunedSpec, write_tuned
 
     stretch = found.stretch
     made_from = TunedOn(
-        log=found.log,
+        log=drive_name(drive.metadata),
         fingerprint=log_fingerprint(drive),
         from_s=stretch.start,
         until_s=stretch.stop,

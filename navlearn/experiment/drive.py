@@ -15,6 +15,7 @@ from navlearn.errors import ConfigError, LogError
 from navlearn.experiment.range_fixes import with_fixes
 from navlearn.logs.clock import without_latency
 from navlearn.logs.drive_log import DriveLog
+from navlearn.logs.origin import of_drive
 from navlearn.logs.quality import Estimate, gnss_latency, odometer_latency
 from navlearn.logs.reading import read_log, read_sensor_truth
 from navlearn.logs.resample import ResampleOptions, RissTimeline, riss_timeline
@@ -90,7 +91,8 @@ def _part(log: DriveLog, start: float, stop: float) -> DriveLog:
         )
     name = f"{log.metadata.name}_{start:g}-{stop:g}s"
     # Where it began is no longer its start.
-    return replace(part, metadata=replace(part.metadata, name=name, start=None))
+    extra = {**log.metadata.extra, **of_drive(log.metadata)}
+    return replace(part, metadata=replace(part.metadata, name=name, start=None, extra=extra))
 
 
 def _simulated(made: SimulatedSection) -> SimulatedDrive:

@@ -3,7 +3,6 @@
 [Ghouneem2024] Tables II and III. Solutions are causal: what a filter said while the car drove.
 """
 
-import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -105,12 +104,13 @@ def drive_errors(
     names = filters_of(recipe) if methods is None else tuple(methods)
     if not names:
         raise ConfigError(f"recipe {recipe.name}: none of its methods is a filter; list some")
-    if tuned_until(recipe, log) == math.inf:
+    until = tuned_until(recipe, log)
+    if until is not None and until >= float(log.imu["t"].iloc[-1]):
         raise ConfigError(
             f"{log.metadata.name}: the filter was tuned on all of it; judge it on another drive"
         )
     errors = {name: state_errors(whole_solution(log, recipe, name), reference) for name in names}
-    found = judged_together(errors, settle, tuned_until(recipe, log))
+    found = judged_together(errors, settle, until)
     fixes = state_errors(log.fixes, reference)
     fixes = fixes[fixes["t"].isin(found["t"])].assign(solution=RECEIVER)
     return pd.concat((fixes, found), ignore_index=True).assign(drive=log.metadata.name)

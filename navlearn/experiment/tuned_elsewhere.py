@@ -1,10 +1,14 @@
-"""What a filter was tuned on proves nothing of it: such drives are not judged."""
+"""What a filter was tuned on proves nothing of it: such drives are not judged.
+
+A part of a drive, or the same with faults in it, is that drive.
+"""
 
 import math
 from collections.abc import Sequence
 
 from navlearn.errors import ConfigError
 from navlearn.logs.drive_log import DriveLog
+from navlearn.logs.origin import drive_name
 from navlearn.outages.schedule import Outage
 from navlearn.recipe import Recipe
 from navlearn.recipe.ingredients import ingredients_of
@@ -27,7 +31,7 @@ def tuned_until(recipe: Recipe, log: DriveLog) -> float | None:
     ends = [
         float("inf") if one.until_s is None else one.until_s
         for one in spec.made_from
-        if one.log == log.metadata.name
+        if one.log in (log.metadata.name, drive_name(log.metadata))
     ]
     return max(ends, default=None)
 

@@ -4,6 +4,7 @@ What comes out is a tuned spec that recipes name, with what it was made from, wh
 held-out data, and whether to take it.
 """
 
+import re
 import shutil
 import time
 from collections.abc import Sequence
@@ -114,7 +115,7 @@ def tune_recipe(
     gain = _judged(recipe, stretches, before, found.filter, tuning)
     wall = time.monotonic() - begun
     spec = TunedSpec(
-        name=name or out.stem,
+        name=name or _name_of(out),
         method=method,
         filter=found.filter,
         made_from=tuple(stretch.made_from for stretch, part in parts if part is not None),
@@ -127,17 +128,24 @@ def tune_recipe(
 
 
 def refuse_overwriting(out: Path, force: bool) -> None:
-    """Refuse a file that is there, before anything is read or tuned.
+    """Refuse a file that cannot be written, before anything is read or tuned.
 
     Args:
         out: The spec's file.
         force: Whether it may be replaced.
 
     Raises:
-        OutputExistsError: It is there, and may not be replaced.
+        OutputExistsError: It is there, and may not be replaced; or a folder.
     """
+    if out.is_dir():
+        raise OutputExistsError(f"{out}: is a folder; name a file, such as tuned.yaml")
     if out.exists() and not force:
         raise OutputExistsError(f"{out}: exists; move it away, name another file, or force it")
+
+
+def _name_of(out: Path) -> str:
+    """Return a spec's name for a file, whatever characters the file's name has."""
+    return re.sub(r"[^A-Za-z0-9_.+-]", "_", out.stem).lstrip("_.+-") or "tuned"
 
 
 def _by_gradient(

@@ -17,6 +17,7 @@ from navlearn.experiment.drive import open_log, prepare_log, set_clocks, timelin
 from navlearn.experiment.range_fixes import with_fixes
 from navlearn.learning.drive_likelihood import TuningDrive
 from navlearn.logs.drive_log import DriveLog
+from navlearn.logs.origin import drive_name
 from navlearn.outages.store import log_fingerprint
 from navlearn.recipe import Recipe
 from navlearn.recipe.log_section import SCENARIO, LogSource, SimulatedSection
@@ -73,7 +74,7 @@ class Stretch:
     def made_from(self) -> TunedOn:
         """What a tuned spec says of it."""
         return TunedOn(
-            log=self.log.metadata.name,
+            log=drive_name(self.log.metadata),
             fingerprint=self.fingerprint,
             from_s=self.begin,
             until_s=min(self.tuned_until, self.end),
@@ -196,12 +197,19 @@ def whole_stretches(recipes: Sequence[Recipe], holdout: float) -> list[Stretch]:
         holdout: Share of the drives that are held out, rounded up; of a single drive its end.
 
     Raises:
+        ConfigError: A drive is named twice: it would be held out from itself.
         LogError: A log cannot be used.
     """
     logs = [open_log(recipe) for recipe in recipes]
     pairs = zip(logs, recipes, strict=True)
     ready = [set_clocks(with_fixes(log, recipe), recipe, math.inf)[0] for log, recipe in pairs]
     marks = [log_fingerprint(log) for log in logs]
+    for k, log in enumerate(logs):
+        if marks[k] in marks[:k]:
+            raise ConfigError(
+                f"{log.metadata.name}: given twice; tuned on it, it would be judged on it, too: "
+                "name each drive once"
+            )
     if len(ready) == 1:
         begin = float(ready[0].imu["t"].iloc[0])
         split = begin + (1.0 - holdout) * ready[0].duration if holdout > 0.0 else math.inf

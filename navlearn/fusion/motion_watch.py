@@ -120,7 +120,9 @@ class MotionWatch:
             return track._replace(past=past), wild.to(track.refused)
         earlier = without_last(past)
         near = self._near(past, now)
-        instead = ~near & (earlier.known[..., 0] > 0.5) & self._near(earlier, now, most=True)
+        instead = (
+            there & ~near & (earlier.known[..., 0] > 0.5) & self._near(earlier, now, most=True)
+        )
         past = chosen(instead, earlier, past)
         wild = wild & ~near & ~instead
         anew = wild & (track.refused >= gate.reset_after)

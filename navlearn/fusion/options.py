@@ -1,6 +1,7 @@
 """What a user may choose about the loosely coupled filter."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Literal
 
@@ -111,6 +112,15 @@ class EkfOptions:
                 raise ConfigError(
                     f"NoiseOptions.{entry.name}: found {value}; expected a finite value >= 0"
                 )
+        for entry in fields(self.initial):
+            value = getattr(self.initial, entry.name)
+            terms = value if isinstance(value, Mapping) else {"": value}
+            for term, one in terms.items():
+                if not 0.0 <= one < math.inf:
+                    named = f"{entry.name}.{term}" if term else entry.name
+                    raise ConfigError(
+                        f"InitialOptions.{named}: found {one}; expected a finite value >= 0"
+                    )
 
     @property
     def has_velocity_states(self) -> bool:

@@ -68,6 +68,7 @@ class _Search:
 
     x: Tensor
     round_start: Tensor
+    entered: float | None = None
     inverse: Tensor | None = None
     round: int = 0
     iteration: int = 0
@@ -162,13 +163,15 @@ def _run(
     tuning = objective.options
     while not search.done and search.round < tuning.rounds:
         point = _round_begun(objective, search)
-        entered = point.value
+        if search.entered is None:
+            search.entered = point.value
         if search.inverse is None:
             search.inverse = first_inverse(point)
         # the first verdicts are only to get near
         most = 15 if search.round == 0 else tuning.iterations
-        while search.iteration < tuning.iterations and search.steps_in_round < most:
-            if time.monotonic() - begun > 60.0 * tuning.minutes:
+        while search.steps_in_round < most:
+            late = time.monotonic() - begun > 60.0 * tuning.minutes
+            if late or search.iteration >= tuning.iterations:
                 return
             step = quasi_newton_step(objective, point, search.inverse, tuning.longest_step)
             if step is None:
@@ -178,19 +181,16 @@ def _run(
             search.iteration += 1
             search.steps_in_round += 1
             bar.update(1)
-            bar.set_postfix(round=search.round + 1, gain=f"{entered - point.value:.1f}")
-            _kept(path, mark, search)
+            bar.set_postfix(round=search.round + 1, gain=f"{search.entered - point.value:.1f}")
             if gained < tuning.tolerance:
                 break
+            _kept(path, mark, search)
         moved = float((search.x - search.round_start).abs().max())
         search.round += 1
-        search.round_start, search.steps_in_round = search.x, 0
-        search.done = search.round > 1 and (
-            entered - point.value < 10.0 * tuning.tolerance or moved < 0.02
-        )
+        gained = search.entered - point.value
+        search.done = search.round > 1 and (gained < 10.0 * tuning.tolerance or moved < 0.02)
+        search.round_start, search.steps_in_round, search.entered = search.x, 0, None
         _kept(path, mark, search)
-        if search.iteration >= tuning.iterations:
-            return
 
 
 def _round_begun(objective: NoiseObjective, search: _Search) -> Point:

@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 
 from navlearn import earth
+from navlearn.attitude import wrap_angle
 from navlearn.learning.referenced_drive import ReferencedDrive
 
 FEWEST = 30
@@ -165,7 +166,7 @@ def _position_errors(drive: ReferencedDrive) -> list[tuple[Tensor, Tensor]]:
     """Return errors of fixes and the deviations told, m, east and north, shape (M,) each."""
     fixes, at = drive.fixes, drive.at_fixes
     north = (fixes.lat - at.lat) * earth.meridian_radius(at.lat)
-    east = (fixes.lon - at.lon) * earth.prime_vertical_radius(at.lat) * torch.cos(at.lat)
+    east = wrap_angle(fixes.lon - at.lon) * earth.prime_vertical_radius(at.lat) * torch.cos(at.lat)
     right, forward, _ = drive.lever_arm
     sine, cosine = torch.sin(at.azimuth), torch.cos(at.azimuth)
     if right != 0.0 or forward != 0.0:

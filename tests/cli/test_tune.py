@@ -109,3 +109,13 @@ def test_rules_that_need_a_reference_go_the_same_way(recipe: Path, method: str) 
     assert spec.filter["noise"]
     assert "held-out" in shown
     assert "noise.position_walk" in shown or "noise.gyro_random_walk" in shown
+
+
+def test_any_file_may_be_named_but_a_folder(recipe: Path, tmp_path: Path) -> None:
+    out = tmp_path / "my tuned (2).yaml"
+    invoke("tune", recipe, "--out", out, "--method", "differences", "--holdout", 0)
+    assert read_tuned(out).name == "my_tuned__2_"
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    shown = invoke("tune", tmp_path / "none.yaml", "--out", folder, "--force", code=2)
+    assert "is a folder" in shown.replace("\n", " ")

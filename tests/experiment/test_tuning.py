@@ -64,6 +64,8 @@ def test_other_draws_are_held_out_whole() -> None:
     assert stretches[0].made_from.log != stretches[1].made_from.log
     with pytest.raises(ConfigError, match="is scored"):
         other_draws(recipe, (12, 11), (11,))
+    with pytest.raises(ConfigError, match="given twice"):
+        whole_stretches(other_draws(recipe, (12, 12), (11,)), 0.3)
 
 
 def test_a_single_other_drive_holds_out_its_end() -> None:

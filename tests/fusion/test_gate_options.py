@@ -8,6 +8,8 @@ import torch
 from navlearn.errors import ConfigError
 from navlearn.fusion.gate_options import GateOptions
 from navlearn.fusion.measurements import Verdict, believed, refused
+from navlearn.fusion.noise_options import InitialOptions
+from navlearn.fusion.options import EkfOptions
 
 
 @pytest.mark.parametrize(
@@ -29,6 +31,20 @@ from navlearn.fusion.measurements import Verdict, believed, refused
 def test_a_gate_out_of_range_is_refused_where_it_is_made(name, value, message):
     with pytest.raises(ConfigError, match=f"GateOptions.{name}.*{message}"):
         GateOptions(**{name: value})
+
+
+@pytest.mark.parametrize(
+    ("entry", "value", "named"),
+    [
+        ("position", -1.0, "position"),
+        ("azimuth", math.nan, "azimuth"),
+        ("gyro", {"bias": -0.1}, "gyro.bias"),
+        ("speed", {"scale": math.inf}, "speed.scale"),
+    ],
+)
+def test_a_deviation_at_the_start_is_none_below_zero(entry, value, named):
+    with pytest.raises(ConfigError, match=rf"InitialOptions\.{named}: found .* finite value >= 0"):
+        EkfOptions(initial=InitialOptions(**{entry: value}))
 
 
 def test_nothing_but_the_chi_square_gate_is_on_unless_asked_for():

@@ -231,3 +231,24 @@ def test_asked_while_driving_and_over_the_record_the_answers_are_the_same(reset_
             told.append(wild)
     assert 20 < int(record.sum()) < 300
     assert torch.equal(torch.stack(told, 1), record)
+
+
+def test_a_fix_without_position_makes_no_other_forgotten():
+    motion, east, north, timing = car(20.0, seconds=12)
+    has = torch.ones_like(east)
+    # the tenth has no position, and a place that would speak against the ninth
+    east[0, 8:11], has[0, 9] = torch.tensor([4.8, -1.0, 9.0], dtype=torch.float64), 0.0
+    gate = GateOptions(motion_limit=5.0, motion_growth=0.0)
+    fixes = fixes_at(east, north, has)
+    record = astray(gate, (0.0, 0.0), motion, fixes, timing)
+    watch = MotionWatch(EkfOptions(gate=gate, mechanization=RissOptions(dimensions=2)))
+    track, told = watch.start(east[:, 0]), []
+    zero = torch.zeros(1, dtype=torch.float64)
+    sample = RissSample(zero + 1.0 / RATE, zero, zero + 20.0, zero, zero, zero, zero, zero)
+    for k in range(motion.dt.shape[1]):
+        track = watch.step(track, sample)
+        if (k + 1) % RATE == 0:
+            track, wild = watch.judge(track, GnssFix(*(x[:, k // RATE] for x in fixes)), sample)
+            told.append(float(wild))
+    assert told == record[0].tolist()
+    assert told[:11] == [0.0] * 11

@@ -11,6 +11,7 @@ from navlearn.errors import ConfigError, LogError, OutputExistsError
 from navlearn.fusion.noise import log_noise, noise_from_log
 from navlearn.fusion.noise_options import NoiseOptions
 from navlearn.fusion.options import EkfOptions
+from navlearn.learning import noise_tuning
 from navlearn.learning.drive_likelihood import DriveLikelihood, TuningDrive, by_window
 from navlearn.learning.held_out import HeldOutStretch, held_out_scores
 from navlearn.learning.noise_objective import NoiseObjective
@@ -214,3 +215,42 @@ def test_what_cannot_be_tuned_is_said(known):
     few = known._replace(fixes=fixes, timing=FixTiming(*(x[:25] for x in known.timing)))
     with pytest.raises(LogError, match="known"):
         tune_noise([few], FLAT)
+
+
+class Interrupted(Exception):
+    """What stops a search from outside."""
+
+
+def test_wherever_it_is_interrupted_a_search_ends_alike(known, tmp_path, monkeypatch):
+    # wild fixes pull the first verdicts, which believe all, away from the gate's
+    wild = known.fixes.lat.clone()
+    wild[::9] += 40.0 / 6.371e6
+    known = known._replace(fixes=known.fixes._replace(lat=wild))
+    start, tuning = _times(1.0), TuningOptions(free=FREE[:1], tolerance=1e-3)
+    kept = noise_tuning._kept
+    places = []
+
+    def watched(path, mark, search):
+        kept(path, mark, search)
+        places.append((search.round, search.steps_in_round))
+
+    monkeypatch.setattr(noise_tuning, "_kept", watched)
+    whole = tune_noise([known], start, tuning, folder=tmp_path / "whole", progress=False)
+    late = [k for k, (number, steps) in enumerate(places) if number > 0 and steps > 0]
+    assert late, places
+    for stop in late:
+        folder, count = tmp_path / str(stop), iter(range(10**6))
+
+        def stopping(path, mark, search, count=count, stop=stop):
+            kept(path, mark, search)
+            if next(count) == stop:
+                raise Interrupted
+
+        monkeypatch.setattr(noise_tuning, "_kept", stopping)
+        with pytest.raises(Interrupted):
+            tune_noise([known], start, tuning, folder=folder, progress=False)
+        monkeypatch.setattr(noise_tuning, "_kept", kept)
+        rest = tune_noise([known], start, tuning, folder=folder, resume=True, progress=False)
+        assert (rest.rounds, rest.iterations) == (whole.rounds, whole.iterations)
+        for name, value in whole.values.items():
+            assert rest.values[name] == pytest.approx(value, rel=1e-5)

@@ -6,6 +6,7 @@ import pytest
 import torch
 from torch import Tensor
 
+from navlearn.attitude import wrap_angle
 from navlearn.frames import shift_geodetic
 from navlearn.learning.receiver_noise import receiver_noise
 from navlearn.learning.referenced_drive import ReferencedDrive
@@ -203,3 +204,18 @@ def test_two_drives_teach_together() -> None:
     far = drive(2.0 * normal(43), 2.0 * normal(44), told)
     found = receiver_noise([near, far]).noise["position_inflation"]
     assert found == pytest.approx(math.sqrt(2.5), rel=0.05)
+
+
+def test_at_the_antimeridian_errors_are_those_of_elsewhere() -> None:
+    east, north, told = 2.0 * normal(1), 2.0 * normal(2), torch.ones(COUNT, dtype=torch.float64)
+    inland = drive(east, north, told)
+    # places just west of it, and fixes on either side
+    west = inland.at_fixes.lon - 0.1 + math.pi - 1e-8
+    lon = wrap_angle(inland.fixes.lon - 0.1 + west)
+    there = inland._replace(
+        at_fixes=inland.at_fixes._replace(lon=west), fixes=inland.fixes._replace(lon=lon)
+    )
+    assert float(lon.min()) < -3.0 < 3.0 < float(lon.max())
+    expected = receiver_noise([inland], lasting=False).noise
+    found = receiver_noise([there], lasting=False).noise
+    assert found["position_inflation"] == pytest.approx(expected["position_inflation"], rel=1e-6)

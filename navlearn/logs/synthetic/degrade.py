@@ -7,6 +7,7 @@ import numpy as np
 
 from navlearn.errors import LogError
 from navlearn.logs.drive_log import DriveLog
+from navlearn.logs.origin import of_drive
 from navlearn.logs.sensor_truth import SensorTruth
 from navlearn.logs.synthetic.draws import Array
 from navlearn.logs.synthetic.figures import SensorGrade
@@ -95,7 +96,7 @@ def degraded_drive(
         log.metadata,
         name=f"{log.metadata.name}_{figures.name}_{seed}",
         sensors={**log.metadata.sensors, "imu": f"{before}; {note}" if before else note},
-        extra={**log.metadata.extra, "semi_synthetic": stated},
+        extra={**log.metadata.extra, **of_drive(log.metadata), "semi_synthetic": stated},
     )
     truth = SensorTruth(
         t=t,

@@ -15,6 +15,7 @@ import torch
 from navlearn.errors import LogError
 from navlearn.frames import enu_between, shift_geodetic
 from navlearn.logs.drive_log import DriveLog
+from navlearn.logs.origin import of_drive
 from navlearn.logs.synthetic.draws import Array
 from navlearn.logs.synthetic.fault_options import FaultOptions, Freezes, Offset, Ramps
 from navlearn.logs.synthetic.fault_schedule import PlannedFault, planned_faults
@@ -88,7 +89,7 @@ def with_faults(log: DriveLog, options: FaultOptions) -> FaultyLog:
     metadata = replace(
         log.metadata,
         name=f"{log.metadata.name}_faults_{options.seed}",
-        extra={**log.metadata.extra, "faults": stated},
+        extra={**log.metadata.extra, **of_drive(log.metadata), "faults": stated},
     )
     faulty = replace(log, fixes=fixes, metadata=metadata)
     return FaultyLog(faulty, pd.DataFrame(found, columns=COLUMNS), offsets)

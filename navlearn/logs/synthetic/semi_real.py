@@ -14,6 +14,7 @@ import pandas as pd
 from navlearn.errors import ConfigError
 from navlearn.logs.assemble import without_rows
 from navlearn.logs.drive_log import DriveLog, LogMetadata
+from navlearn.logs.origin import of_drive
 from navlearn.logs.synthetic.aiding import fix_table, odometer_table
 from navlearn.logs.synthetic.draws import Array
 from navlearn.logs.synthetic.figures import GnssGrade, OdometerGrade
@@ -139,5 +140,5 @@ def _metadata(
         latency_removed=False,
         interval_means=tuple(name for name in known.interval_means if name not in _MADE),
         sensors=sensors,
-        extra={**known.extra, "files": kept, "semi_real": stated},
+        extra={**known.extra, **of_drive(known), "files": kept, "semi_real": stated},
     )
