@@ -102,10 +102,36 @@ def enu_between(
     mid_lat, mid_height = 0.5 * (lat + lat_0), 0.5 * (height + height_0)
     north = (lat - lat_0) * (earth.meridian_radius(mid_lat) + mid_height)
     radius = (earth.prime_vertical_radius(mid_lat) + mid_height) * torch.cos(mid_lat)
-    around = lon - lon_0
+    return _short_way(lon - lon_0) * radius, north, height - height_0
+
+
+def shift_between(
+    lat: Tensor, lon: Tensor, height: Tensor, lat_0: Tensor, lon_0: Tensor, height_0: Tensor
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Return the shift by which :func:`shift_geodetic` leads from one position to another.
+
+    As :func:`enu_between`, but with the radii where the way begins, so that the inverse is exact.
+
+    Args:
+        lat: Latitude of where it leads, rad, shape (...).
+        lon: Longitude, rad, any number of turns, shape (...).
+        height: Height, m, shape (...).
+        lat_0: Latitude of where it begins, rad, shape (...).
+        lon_0: Longitude of where it begins, rad, shape (...).
+        height_0: Height of where it begins, m, shape (...).
+
+    Returns:
+        Way to the east, to the north and up, m, each of shape (...).
+    """
+    north = (lat - lat_0) * (earth.meridian_radius(lat_0) + height_0)
+    radius = (earth.prime_vertical_radius(lat_0) + height_0) * torch.cos(lat_0)
+    return _short_way(lon - lon_0) * radius, north, height - height_0
+
+
+def _short_way(around: Tensor) -> Tensor:
     # exact, and quicker than a remainder, where there is no turn to take off
     turns = torch.round(around * (0.5 / math.pi))
-    return torch.sub(around, turns, alpha=2.0 * math.pi) * radius, north, height - height_0
+    return torch.sub(around, turns, alpha=2.0 * math.pi)
 
 
 def shift_geodetic(
@@ -113,7 +139,7 @@ def shift_geodetic(
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Return a position moved by a short way east, north and up.
 
-    Inverse of :func:`enu_between` to first order.
+    Inverse of :func:`shift_between`, and of :func:`enu_between` to first order.
 
     Args:
         lat: Latitude, rad, shape (...).

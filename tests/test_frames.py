@@ -96,6 +96,16 @@ def test_difference_over_a_kilometre_errs_by_millimetres():
     assert math.hypot(east - by_matrix[0], north - by_matrix[1]) < 1e-3
 
 
+def test_a_shift_of_any_length_is_found_again():
+    lat, lon, height = _t(0.77, -1.4, 0.1), _t(-1.3, 3.1415, -3.1415), _t(80.0, 9000.0, -20.0)
+    way = (_t(3e4, 7e3, -8e4), _t(-4e4, 900.0, 2e5), _t(500.0, -20.0, 3.0))
+    moved = frames.shift_geodetic(lat, lon, height, *way)
+    back = frames.shift_between(*moved, lat, lon, height)
+    torch.testing.assert_close(torch.stack(back), torch.stack(way), rtol=0, atol=1e-7)
+    turned = frames.shift_between(moved[0], moved[1] - 2 * math.pi, moved[2], lat, lon, height)
+    torch.testing.assert_close(torch.stack(turned), torch.stack(way), rtol=0, atol=1e-7)
+
+
 def test_functions_script():
     lat, lon, height = (x[:50] for x in _grid())
     ecef = frames.ecef_from_geodetic(lat, lon, height)
@@ -103,7 +113,7 @@ def test_functions_script():
     scripted = torch.jit.script(frames.geodetic_from_ecef)(ecef)
     for found, expected in zip(scripted, frames.geodetic_from_ecef(ecef), strict=True):
         assert torch.equal(found, expected)
-    for function in (frames.enu_between, frames.shift_geodetic):
+    for function in (frames.enu_between, frames.shift_between, frames.shift_geodetic):
         arguments = (lat, lon, height, lat * 0.9, lon, height + 1.0)
         for found, expected in zip(
             torch.jit.script(function)(*arguments), function(*arguments), strict=True

@@ -9,12 +9,11 @@ from torch import Tensor
 from navlearn import wgs84
 from navlearn.filters.belief import Belief
 from navlearn.filters.consistency import chi_square_quantile
-from navlearn.frames import shift_geodetic
+from navlearn.frames import shift_between, shift_geodetic
 from navlearn.fusion.block_motion import BlockMotion, move_block
 from navlearn.fusion.error_state import (
     ErrorLayout,
     error_layout,
-    position_difference,
     shifted,
 )
 from navlearn.fusion.gate_options import GateOptions
@@ -221,7 +220,7 @@ def difference(model: FilterModel, belief: Belief, other: Belief, end: BlockEnd)
     Returns:
         ``belief`` minus ``other`` in the order of the error state, shape (..., n).
     """
-    position = position_difference(belief.state, other.state)
+    position = -torch.stack(shift_between(*other.state[:3], *belief.state[:3]), -1)
     turn = (belief.state.azimuth - other.state.azimuth).unsqueeze(-1)
     parts = [position, turn, belief.sensor - other.sensor]
     if model.layout.has_velocity:

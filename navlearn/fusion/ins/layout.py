@@ -12,7 +12,7 @@ from torch import Tensor
 
 from navlearn.attitude import quaternion_from_rotation_vector, quaternion_multiply
 from navlearn.filters.ins_belief import InsBelief
-from navlearn.frames import enu_between, shift_geodetic
+from navlearn.frames import enu_between, shift_between, shift_geodetic
 from navlearn.fusion.ins.imu_errors import ImuErrors, SensorStates, errors_of
 from navlearn.fusion.ins.imu_errors import imu_corrected as imu_corrected
 from navlearn.fusion.ins.options import InsEkfOptions
@@ -169,5 +169,6 @@ def belief_difference(belief: InsBelief, reference: InsBelief) -> Tensor:
     Returns:
         Minus the correction that leads from ``belief`` to ``reference``, shape (..., n).
     """
-    state = state_difference(belief.state, reference.state)
-    return torch.cat((state, belief.sensor - reference.sensor), -1)
+    position = -torch.stack(shift_between(*reference.state[:3], *belief.state[:3]), -1)
+    rest = state_difference(belief.state, reference.state)[..., 3:]
+    return torch.cat((position, rest, belief.sensor - reference.sensor), -1)

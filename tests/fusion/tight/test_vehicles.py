@@ -125,6 +125,17 @@ def test_derivatives_of_the_antenna_are_automatic_ones(name: str | int, delay: f
     torch.testing.assert_close(here.velocity_by_error, velocity, atol=2e-4, rtol=1e-4)
 
 
+@pytest.mark.parametrize("name", [*RISS, *INS])
+def test_a_correction_of_any_size_is_found_again(name: str | int) -> None:
+    vehicle, belief, block = case(name)
+    n = len(vehicle.names)
+    g = torch.Generator().manual_seed(1)
+    correction = torch.randn(n, generator=g, dtype=torch.float64)
+    correction[:3] *= 5000.0
+    found = -vehicle.difference(belief, vehicle.moved(belief, correction, block), block)
+    torch.testing.assert_close(found, correction, rtol=0.0, atol=1e-8)
+
+
 @pytest.mark.parametrize("name", ["default", 15])
 def test_the_antenna_moves_with_its_velocity(name: str | int) -> None:
     vehicle, belief, block = case(name)
