@@ -54,7 +54,7 @@ def drive(seconds: int, states: int) -> tuple[InsEkf, Work]:
     fixes = GnssFix(*(x[None, keep] for x in line.fixes))
     timing = FixTiming(line.timing.index[None, keep] - first, line.timing.delay[None, keep])
     start = map_ins_belief(navigator.start(found), lambda x: x.unsqueeze(0))
-    return navigator.ekf, Work(start, samples, fixes, timing)
+    return navigator.filter, Work(start, samples, fixes, timing)
 
 
 def shortened(work: Work, seconds: int) -> Work:

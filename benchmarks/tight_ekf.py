@@ -76,7 +76,7 @@ def drive(seconds: int, kind: str) -> tuple[Filters, Work]:
     found = navigator.align(line.samples, line.fixes, line.timing)
     first = found.sample + 1
     last = first + seconds * RATE
-    ekf = navigator.ekf(len(series.systems))
+    ekf = navigator.filter(len(series.systems))
     start = ekf.start(navigator.start(found), series.ranges.has_range.shape[-1])
     rows = [
         part(tree, timing, first, last)
@@ -91,9 +91,9 @@ def drive(seconds: int, kind: str) -> tuple[Filters, Work]:
     samples = type(line.samples)(*(x[first:last] for x in line.samples))
     loose: Any
     if kind == "riss":
-        loose = Navigator(NavigatorOptions(filter=VEHICLES["riss"])).ekf  # type: ignore[arg-type]
+        loose = Navigator(NavigatorOptions(filter=VEHICLES["riss"])).filter  # type: ignore[arg-type]
     else:
-        loose = InsNavigator(InsNavigatorOptions(filter=VEHICLES["imu"])).ekf  # type: ignore[arg-type]
+        loose = InsNavigator(InsNavigatorOptions(filter=VEHICLES["imu"])).filter  # type: ignore[arg-type]
     work = Work(start, samples, ranges, rows[0][1], rows[1][0])
     return Filters(ekf, loose), map_tree(work, lambda x: x.unsqueeze(0))
 

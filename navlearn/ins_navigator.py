@@ -67,7 +67,7 @@ class InsNavigator:
 
     def __init__(self, options: InsNavigatorOptions | None = None) -> None:
         self.options = options or InsNavigatorOptions()
-        self.ekf = ins_filter(self.options.filter)
+        self.filter = ins_filter(self.options.filter)
         self.layout = ins_layout(self.options.filter)
 
     def align(
@@ -126,7 +126,7 @@ class InsNavigator:
         rest = ImuSample(*(channel[first:] for channel in samples))
         rest = calibrated(self.options.filter, rest, alignment)
         with torch.no_grad():
-            history = self.ekf(
+            history = self.filter(
                 self.start(alignment),
                 rest,
                 *told_from(fixes, timing, first),
@@ -155,7 +155,7 @@ class InsNavigator:
         start = self.start(run.alignment)
         with torch.no_grad():
             return smooth_ins(
-                self.ekf,
+                self.filter,
                 start,
                 run.samples,
                 *told_from(fixes, timing, run.first),
@@ -204,7 +204,7 @@ class InsNavigator:
         """
         none = samples.dt[:0]
         with torch.no_grad():
-            history: InsHistory = self.ekf(
+            history: InsHistory = self.filter(
                 belief,
                 samples,
                 GnssFix(*(none for _ in GnssFix._fields)),

@@ -69,7 +69,7 @@ class Navigator:
 
     def __init__(self, options: NavigatorOptions | None = None) -> None:
         self.options = options or NavigatorOptions()
-        self.ekf = riss_filter(self.options.filter)
+        self.filter = riss_filter(self.options.filter)
 
     def run(self, samples: RissSample, fixes: GnssFix, timing: FixTiming) -> NavigatorRun:
         """Align, then filter to the end of the samples.
@@ -91,7 +91,7 @@ class Navigator:
         first = alignment.sample + 1
         rest = RissSample(*(channel[first:] for channel in samples))
         with torch.no_grad():
-            history = self.ekf(
+            history = self.filter(
                 self.start(alignment),
                 rest,
                 *told_from(fixes, timing, first),
@@ -120,7 +120,7 @@ class Navigator:
         start = self.start(run.alignment)
         with torch.no_grad():
             return smooth(
-                self.ekf,
+                self.filter,
                 start,
                 run.samples,
                 *told_from(fixes, timing, run.first),
@@ -184,7 +184,7 @@ class Navigator:
         """
         none = samples.dt[:0]
         with torch.no_grad():
-            history: FilterHistory = self.ekf(
+            history: FilterHistory = self.filter(
                 belief,
                 samples._replace(yaw_rate=samples.yaw_rate - yaw_rate_error),
                 GnssFix(*(none for _ in GnssFix._fields)),

@@ -91,7 +91,7 @@ class TightNavigator:
         )
         self._filters: dict[int, TightEkf] = {}
 
-    def ekf(self, systems: int) -> TightEkf:
+    def filter(self, systems: int) -> TightEkf:
         """Return the filter for so many systems of satellites, always the same one.
 
         Args:
@@ -210,7 +210,7 @@ class TightNavigator:
         if systems is None:
             systems = int(ranges.system.max()) + 1 if ranges.system.numel() else 1
         with torch.no_grad():
-            history: TightHistory = self.ekf(systems)(
+            history: TightHistory = self.filter(systems)(
                 self.start(alignment),
                 rest,
                 *told_from(ranges, timing, first),
@@ -242,7 +242,7 @@ class TightNavigator:
         """
         systems = belief.clock.shape[-1] - 1
         with torch.no_grad():
-            history: TightHistory = self.ekf(systems)(
+            history: TightHistory = self.filter(systems)(
                 belief,
                 samples,
                 ranges,

@@ -224,7 +224,7 @@ def test_sigma_points_take_the_filters_place(log, line, run):
     options = InsEkfOptions(unscented=UnscentedOptions())
     navigator = InsNavigator(InsNavigatorOptions(filter=options))
     points = navigator.run(line.samples, line.fixes, line.timing)
-    assert isinstance(navigator.ekf, InsUkf)
+    assert isinstance(navigator.filter, InsUkf)
     assert points.history.method == "fast"
     gap = torch.stack(enu_between(*points.history.trajectory[:3], *run.history.trajectory[:3]))
     # at 20 Hz the two tell the same car

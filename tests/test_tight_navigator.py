@@ -210,5 +210,5 @@ def test_cars_are_not_mixed_up() -> None:
 
 def test_one_filter_serves_all_runs() -> None:
     navigator = TightNavigator()
-    assert navigator.ekf(2) is navigator.ekf(2)
-    assert navigator.ekf(1).vehicle is navigator.ekf(2).vehicle
+    assert navigator.filter(2) is navigator.filter(2)
+    assert navigator.filter(1).vehicle is navigator.filter(2).vehicle

@@ -117,7 +117,7 @@ def augmented_run(runs: FilterRuns, log: DriveLog, spec: AugmentedSpec) -> Augme
     other, _, less = runs.run(cooler, options, series="cooler")
     warmth = (timeline.samples.yaw_rate - other.samples.yaw_rate) / AMOUNT
     known = separate_parameter(
-        navigator.ekf.model, run.history, less.history, AMOUNT, spec.temperature_prior
+        navigator.filter.model, run.history, less.history, AMOUNT, spec.temperature_prior
     )
     return AugmentedRun(navigator=navigator, run=run, thermal=Thermal(warmth[run.first :], known))
 

@@ -78,7 +78,7 @@ def filter_stretches(
     rows = torch.stack(chosen).clamp(min=0)
     belief = belief_at(run.history, torch.tensor([one.block for one in stretches]))
     with torch.no_grad():
-        history: FilterHistory = navigator.ekf(
+        history: FilterHistory = navigator.filter(
             belief if rate_errors is None else _bias_set_free(belief, navigator),
             samples,
             GnssFix(*(channel[rows] for channel in fixes)),

@@ -46,7 +46,7 @@ def made_run(navigator: Navigator, timeline: RissTimeline, earlier: MadeRun | No
     rest = RissSample(*(channel[first:] for channel in timeline.samples))
     later = timeline.timing.index >= first
     history = continued(
-        navigator.ekf,
+        navigator.filter,
         earlier.run.history,
         block,
         rest,
@@ -68,7 +68,7 @@ def last_block_in_common(earlier: MadeRun, timeline: RissTimeline) -> int | None
         The block's index, or None where the logs do not begin alike.
     """
     run, old = earlier.run, earlier.timeline
-    if earlier.navigator.options.method != "fast" or not earlier.navigator.ekf.model.closed:
+    if earlier.navigator.options.method != "fast" or not earlier.navigator.filter.model.closed:
         return None
     samples = _same(old.samples, timeline.samples) - run.first
     fixes = _same((*old.fixes, *old.timing), (*timeline.fixes, *timeline.timing))

@@ -65,7 +65,7 @@ def learn_on_coasts(
         FitError: The past is too short to train, validate and judge.
     """
     outages = emulate_ins_outages(
-        navigator.ekf,
+        navigator.filter,
         run.samples,
         run.history,
         pseudo_outage_options(recipe),
@@ -73,7 +73,7 @@ def learn_on_coasts(
         end=end,
         begin=begin,
     )
-    windows = ins_training_windows(navigator.ekf, outages, spec.inputs)
+    windows = ins_training_windows(navigator.filter, outages, spec.inputs)
     source = TrainingSource(
         logs=(log_name,),
         acts_on="position",
@@ -158,7 +158,7 @@ def corrected_coast(
     whole = InsState(*(_whole_steps(channel, step) for channel in coast))
     belief = ins_belief_at(run.history, block)
     start = map_ins_belief(belief, lambda channel: channel.unsqueeze(0))
-    u = coast_inputs(navigator.ekf, start, samples, whole, inputs, step)[0]
+    u = coast_inputs(navigator.filter, start, samples, whole, inputs, step)[0]
     with torch.no_grad():
         increments: Tensor = learned.fitted.model(u)
     return u, without_increments(coast, increments, step)

@@ -120,7 +120,7 @@ class PaperAnarxMethod:
         judged_from = float(series.t[cut]) - begin + self.runs.recipe.training.gap_s
         _, gone = last_fix(run)
         outages = emulate_ins_outages(
-            navigator.ekf,
+            navigator.filter,
             run.samples,
             run.history,
             replace(options, settle=max(options.settle, judged_from)),

@@ -65,7 +65,7 @@ def observed_by_riss(runs: FilterRuns, log: DriveLog) -> ObservabilityRecord:
         log: The drive.
     """
     line, navigator, run = runs.run(log)
-    history, names = run.history, navigator.ekf.model.layout.names
+    history, names = run.history, navigator.filter.model.layout.names
     ends = run.first + history.end
     return observability_of_run(
         history.belief.covariance,

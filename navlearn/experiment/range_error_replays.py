@@ -186,7 +186,7 @@ def run_replays(
         ranges: Their receptions, as an error model corrected them or as they are.
     """
     belief = tight_belief_at(run.history, replays.block)
-    filter_ = navigator.ekf(belief.clock.shape[-1] - 1)
+    filter_ = navigator.filter(belief.clock.shape[-1] - 1)
     with torch.no_grad():
         history: TightHistory = filter_(
             belief,

@@ -132,7 +132,7 @@ def refused_by(method: Filtering, log: DriveLog) -> Refusals:
     if isinstance(method, InsFilterMethod):
         chosen = ins_filter_options(method.runs.recipe, method.method, log)
         ins_line, ins_navigator, ins_run = method.runs.run(log, chosen)
-        ins = ins_navigator.ekf.model
+        ins = ins_navigator.filter.model
         gated = _Gated(ins.rows, ins.limits, chosen.gate, InsKind)
         return Refusals(fixes=_judgements(ins_line, ins_run.first, ins_run.history, gated))
     options = filter_options(method.runs.recipe, method.method, log)
@@ -147,7 +147,7 @@ def riss_judgements(line: RissTimeline, navigator: Navigator, run: NavigatorRun)
         navigator: What ran.
         run: Its run.
     """
-    model = navigator.ekf.model
+    model = navigator.filter.model
     gated = _Gated(model.rows, model.limits, navigator.options.filter.gate, Kind)
     return _judgements(line, run.first, run.history, gated)
 
@@ -216,6 +216,6 @@ def _tight(method: TightMethod, log: DriveLog) -> Refusals:
         innovation=torch.cat((history.innovation, history.rate_innovation), -1).detach().numpy(),
         nis=history.nis.detach().numpy(),
         verdict=history.verdict.numpy(),
-        nis_limit=navigator.ekf(len(series.systems)).model.limit,
+        nis_limit=navigator.filter(len(series.systems)).model.limit,
     )
     return Refusals(fixes=own, ranges=ranges)

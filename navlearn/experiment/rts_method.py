@@ -103,7 +103,7 @@ def smoothed_stretch(
         The stretch, from the last update before ``since`` to the end of the timeline.
     """
     begin, belief = _start_of_stretch(timeline, navigator, run, since)
-    ekf = navigator.ekf
+    ekf = navigator.filter
     samples = RissSample(*(channel[begin:] for channel in timeline.samples))
     later = timeline.timing.index >= begin
     fixes = GnssFix(*(channel[later] for channel in timeline.fixes))

@@ -174,7 +174,7 @@ def test_rows_tell_the_free_mechanization(runs: FilterRuns, known: DriveLog, fil
 def test_a_filter_that_feeds_back_has_no_predictions(runs: FilterRuns, known: DriveLog) -> None:
     _, navigator, run = runs.run(known)
     with pytest.raises(ConfigError, match="feedback='open'"):
-        predicted_errors(navigator.ekf.model, run.history, run.samples)
+        predicted_errors(navigator.filter.model, run.history, run.samples)
 
 
 def test_runs_at_once_equal_runs_one_by_one(runs: FilterRuns, known: DriveLog) -> None:

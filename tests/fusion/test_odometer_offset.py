@@ -30,8 +30,8 @@ def offset_of(log: DriveLog) -> tuple[float, float]:
     line = riss_timeline(log, rate_hz=10.0)
     navigator = Navigator(NavigatorOptions(filter=OPTIONS))
     belief = navigator.run(line.samples, line.fixes, line.timing).history.belief
-    at = navigator.ekf.model.layout.names.index("speed_offset")
-    value = belief.sensor[-1, at - navigator.ekf.model.layout.first_sensor]
+    at = navigator.filter.model.layout.names.index("speed_offset")
+    value = belief.sensor[-1, at - navigator.filter.model.layout.first_sensor]
     return float(value), float(belief.covariance[-1, at, at].sqrt())
 
 

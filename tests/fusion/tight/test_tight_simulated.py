@@ -160,7 +160,7 @@ def test_ranges_vouch_for_the_cars_own_kinds() -> None:
             has_range=heard * ranges.has_range, has_rate=heard * ranges.has_rate
         )
         told[heard] = navigator.filter_on(
-            navigator.ekf(2).start(belief, ranges.has_range.shape[-1]),
+            navigator.filter(2).start(belief, ranges.has_range.shape[-1]),
             navigator.prepared(rest, start),
             ranges,
             type(timing)(timing.index[later] - first, timing.delay[later]),

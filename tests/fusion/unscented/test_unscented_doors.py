@@ -33,7 +33,7 @@ def run(options, d, method="exact", start=None):
 def test_options_choose_the_filter():
     assert isinstance(riss_filter(OPTIONS), LooselyCoupledUkf)
     assert isinstance(riss_filter(), LooselyCoupledEkf)
-    assert isinstance(Navigator(NavigatorOptions(filter=OPTIONS)).ekf, LooselyCoupledUkf)
+    assert isinstance(Navigator(NavigatorOptions(filter=OPTIONS)).filter, LooselyCoupledUkf)
     with pytest.raises(ConfigError, match="riss_filter"):
         LooselyCoupledEkf(OPTIONS)
     with pytest.raises(ConfigError, match="choose feedback closed"):
