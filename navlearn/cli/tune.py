@@ -104,6 +104,7 @@ def _stretches(
         other_logs,
         own_stretch,
         recipe_of_grade,
+        refuse_full_imu,
         whole_stretches,
     )
     from navlearn.recipe import load_recipe
@@ -124,6 +125,7 @@ def _stretches(
         recipe = load_recipe(path, untuned=True)
         simulated = recipe.log.simulated
         scored = () if simulated is None else (simulated.seed,)
+    refuse_full_imu(recipe)
     if seeds:
         draws = other_draws(recipe, _whole_numbers(seeds), scored)
         return recipe, whole_stretches(draws, holdout)

@@ -4,9 +4,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import stats
 
 from navlearn.learning.held_out import HeldOutScores
 from navlearn.outages.bootstrap import resampled_sums, tail_probability
+
+FEW = 5
+"""With fewer windows draws of them show too little; Student's interval of their gains does."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,7 +59,7 @@ class HeldOutGain:
 
 
 def held_out_gain(scores: HeldOutScores, *, seed: int = 0) -> HeldOutGain:
-    """Return the gain with an interval from bootstrap draws of windows.
+    """Return the gain with an interval: bootstrap draws of windows, Student's where they are few.
 
     Args:
         scores: What both filters foretold.
@@ -64,7 +68,9 @@ def held_out_gain(scores: HeldOutScores, *, seed: int = 0) -> HeldOutGain:
     old, new, seconds = (values.numpy() for values in (scores.before, scores.after, scores.seconds))
     total, count = float(seconds.sum()), len(seconds)
     low = high = math.nan
-    if count >= 2:
+    if 2 <= count < FEW:
+        low, high = _students(new - old, seconds)
+    elif count >= FEW:
         columns = np.stack([new - old, seconds], axis=1)
         sums = resampled_sums(columns, np.arange(count), seed=seed)
         tail = 100.0 * tail_probability(count)
@@ -78,3 +84,12 @@ def held_out_gain(scores: HeldOutScores, *, seed: int = 0) -> HeldOutGain:
         windows=count,
         seconds=total,
     )
+
+
+def _students(gains: np.ndarray, seconds: np.ndarray) -> tuple[float, float]:
+    """Return the interval of 95 % of gains per second over a few windows."""
+    count, ratio = len(gains), float(gains.sum() / seconds.sum())
+    rest = gains - ratio * seconds
+    error = math.sqrt(float(rest @ rest) / (count * (count - 1))) / float(seconds.mean())
+    half = float(stats.t.ppf(0.975, count - 1)) * error
+    return ratio - half, ratio + half

@@ -113,6 +113,23 @@ def recipe_of_grade(sweep: SweepRecipe, grade: str | None) -> Recipe:
     return recipe.model_copy(update={"log": LogSource(simulated=drive)})
 
 
+def refuse_full_imu(recipe: Recipe) -> None:
+    """Refuse a recipe whose filter is none that can be tuned, before its log is read.
+
+    Args:
+        recipe: The recipe.
+
+    Raises:
+        ConfigError: Its filter is that of a full IMU.
+    """
+    if recipe.mechanization.sensors == "imu":
+        raise ConfigError(
+            f"recipe {recipe.name}: mechanization.sensors is imu, and what is tuned is the filter "
+            "of one gyro and an odometer, which none of its methods would take; navlearn allan "
+            "finds noise for a full IMU (tuned_imu.yaml)"
+        )
+
+
 def other_draws(recipe: Recipe, seeds: Sequence[int], scored: Sequence[int]) -> list[Recipe]:
     """Return recipes of further draws of a simulated drive.
 

@@ -71,12 +71,15 @@ def test_what_is_not_recommended_says_so(recipe: Path) -> None:
 def test_what_cannot_be_done_is_said_in_one_line(recipe: Path, tmp_path: Path) -> None:
     out, sweep = tmp_path / "t.yaml", tmp_path / "sweep.yaml"
     sweep.write_text(SWEEP)
+    imu = tmp_path / "imu.yaml"
+    imu.write_text(RECIPE.replace("{dims: 2, rate_hz: 5}", "{sensors: imu, rate_hz: 5}"))
     for said, arguments in (
         ("choose among gradient", (recipe, "--method", "guessing")),
         ("give a share", (recipe, "--holdout", 1.0)),
         ("is scored", (recipe, "--seeds", "12,11")),
         ("whole numbers", (recipe, "--seeds", "twelve")),
         ("give one of them", (recipe, "--seeds", "12", "--log", tmp_path)),
+        ("tuned is the filter of one gyro", (imu,)),
         ("for sweeps only", (recipe, "--grade", "mems_m")),
         ("every drive of a sweep is scored", (sweep, "--grade", "mems_m")),
         ("choose one of mems_m, mems_l", (sweep, "--grade", "mems_x", "--seeds", 11)),

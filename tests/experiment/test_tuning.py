@@ -102,3 +102,15 @@ def test_a_gain_is_recommended_only_where_it_is_clear() -> None:
     alone = held_out_gain(_scores(0.5, 10.0, 1))
     assert not alone.recommended
     assert "too little" in alone.verdict
+
+
+@pytest.mark.parametrize("count", [2, 3, 4, 6])
+def test_an_interval_of_few_windows_holds_the_truth_as_often_as_it_says(count: int) -> None:
+    g, held, draws = np.random.default_rng(count), 0, 300
+    seconds = torch.full((count,), 60.0, dtype=torch.float64)
+    before = torch.zeros_like(seconds)
+    for _ in range(draws):
+        after = torch.from_numpy(g.normal(30.0, 20.0, count))
+        found = held_out_gain(HeldOutScores(before=before, after=after, seconds=seconds))
+        held += found.low <= 0.5 <= found.high
+    assert held / draws > 0.9
