@@ -24,6 +24,7 @@ from navlearn.fusion.robust import weights
 from navlearn.fusion.start import aligned_belief, told_from
 from navlearn.fusion.timeline import Timeline, timeline
 from navlearn.fusion.updates import measured
+from navlearn.learning.spaced_fixes import spaced_fixes
 from navlearn.mechanization.alignment import AlignmentOptions
 from navlearn.mechanization.track_alignment import align_riss
 from navlearn.states import FixTiming, GnssFix, RissSample
@@ -104,13 +105,15 @@ class DriveLikelihood:
         drive: TuningDrive,
         options: EkfOptions,
         alignment: AlignmentOptions | None = None,
+        spacing: float = 0.0,
     ) -> None:
         """Align and lay out a drive.
 
         Args:
             drive: The drive.
             options: The filter.
-            alignment: How it is started; None means the defaults.
+            alignment: How it is started, with all fixes; None means the defaults.
+            spacing: The filter runs on fixes at least so far apart, s; 0 for all of them.
 
         Raises:
             LogError: The drive cannot be aligned, or has hardly any fix afterwards.
@@ -123,12 +126,18 @@ class DriveLikelihood:
         except LogError as problem:
             raise LogError(f"{drive.name}: {problem}") from None
         first = aligned.sample + 1
-        fixes, timing = told_from(drive.fixes, drive.timing, first)
+        elapsed = torch.cumsum(drive.samples.dt, 0)
+        later = FixTiming(
+            torch.where(drive.timing.index >= first, drive.timing.index, -1), drive.timing.delay
+        )
+        fixes, timing = told_from(drive.fixes, spaced_fixes(later, elapsed, spacing), first)
         count = int((timing.index >= 0).sum())
         if count < LEAST_FIXES:
+            apart = f" {spacing:g} s apart" if spacing > 0.0 else ""
+            closer = ", or take fixes that are closer together" if spacing > 0.0 else ""
             raise LogError(
-                f"{drive.name}: {count} fixes after alignment; tuning needs {LEAST_FIXES} or "
-                "more: give it a longer drive, or a longer part of this one"
+                f"{drive.name}: {count} fixes{apart} after alignment; tuning needs {LEAST_FIXES} "
+                f"or more: give it a longer drive, or a longer part of this one{closer}"
             )
         samples = RissSample(*(channel[first:].unsqueeze(0) for channel in drive.samples))
         fixes, timing = GnssFix(*map(unsqueezed, fixes)), FixTiming(*map(unsqueezed, timing))
@@ -136,7 +145,6 @@ class DriveLikelihood:
         self.start = map_belief(aligned_belief(options, aligned), unsqueezed)
         check_inputs(self.model, self.start, samples, fixes, timing)
         self.line = timeline(self.model, samples, fixes, timing)
-        elapsed = torch.cumsum(drive.samples.dt, 0)
         self.aligned = float(elapsed[first - 1]) if first > 0 else 0.0
         self.time = elapsed[first + self.line.blocks.end[0]]
 

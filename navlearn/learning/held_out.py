@@ -55,6 +55,7 @@ def held_out_scores(
     window: float = 60.0,
     likelihood: LikelihoodOptions | None = None,
     alignment: AlignmentOptions | None = None,
+    spacing: float = 0.0,
 ) -> HeldOutScores:
     """Return what two filters foretell of held-out stretches.
 
@@ -65,6 +66,7 @@ def held_out_scores(
         window: Length of the windows, s.
         likelihood: How innovations are judged; None means the defaults.
         alignment: How the filters are started; None means the defaults.
+        spacing: Both filters run on fixes at least so far apart, s; 0 for all of them.
 
     Raises:
         LogError: A drive cannot be aligned, or nothing of it is left to be judged.
@@ -72,8 +74,8 @@ def held_out_scores(
     """
     parts = []
     for stretch in stretches:
-        old, seconds = _windows(stretch, before, window, likelihood, alignment)
-        new, _ = _windows(stretch, after, window, likelihood, alignment)
+        old, seconds = _windows(stretch, before, window, likelihood, alignment, spacing)
+        new, _ = _windows(stretch, after, window, likelihood, alignment, spacing)
         parts.append((old, new, seconds))
     columns = [torch.cat(column) for column in zip(*parts, strict=True)]
     return HeldOutScores(before=columns[0], after=columns[1], seconds=columns[2])
@@ -85,8 +87,9 @@ def _windows(
     window: float,
     likelihood: LikelihoodOptions | None,
     alignment: AlignmentOptions | None,
+    spacing: float,
 ) -> tuple[Tensor, Tensor]:
-    own = DriveLikelihood(stretch.drive, options, alignment)
+    own = DriveLikelihood(stretch.drive, options, alignment, spacing)
     noise = noise_from_log(log_noise(options.noise))
     with torch.no_grad():
         found = own.foretold(own.judged(noise), noise, None, likelihood)

@@ -24,6 +24,13 @@ class TuningOptions:
         window: Length of stretches that are taken for independent of each other, s.
         minutes: Time after which no further step is begun.
         likelihood: How innovations are judged.
+        spacing: Only fixes at least so far apart take part, s; 0 for all of them. The filter runs
+            on those alone, so that errors of fixes that last count once, and the noise of motion
+            is judged over as many seconds. What R would be told then is the error of one fix by
+            itself. The filter that navigates takes all fixes, and its R must also tell how little
+            many fixes with the same error say together; so with a spacing the entries of R
+            (:data:`navlearn.learning.noise_parameters.FIX_ENTRIES`) stay as they are unless
+            ``free`` names them.
     """
 
     free: tuple[str, ...] | None = None
@@ -35,6 +42,7 @@ class TuningOptions:
     window: float = 60.0
     minutes: float = math.inf
     likelihood: LikelihoodOptions = field(default_factory=LikelihoodOptions)
+    spacing: float = 0.0
 
     def __post_init__(self) -> None:
         """Refuse what no search can do.
@@ -45,6 +53,10 @@ class TuningOptions:
         if not 1.0 < self.prior_factor < math.inf:
             raise ConfigError(
                 f"TuningOptions.prior_factor: found {self.prior_factor}; expected a factor above 1"
+            )
+        if not 0.0 <= self.spacing < math.inf:
+            raise ConfigError(
+                f"TuningOptions.spacing: found {self.spacing}; expected seconds, 0 or more"
             )
         for name in ("rounds", "iterations", "tolerance", "longest_step", "window", "minutes"):
             if not getattr(self, name) > 0:

@@ -35,6 +35,16 @@ UNITS: Final[dict[str, str]] = {
 }
 """Units of noise entries, by name."""
 
+FIX_ENTRIES: Final = (
+    "position_floor",
+    "height_floor",
+    "position_inflation",
+    "velocity_floor",
+    "velocity_inflation",
+    "speed_noise",
+)
+"""Noise entries that say how far a fix is believed: R where a fix is measured."""
+
 INITIAL = "initial."
 """What names of initial deviations begin with."""
 
@@ -53,18 +63,22 @@ def known_names(options: EkfOptions) -> tuple[str, ...]:
     return (*_used(options), *_initial(options))
 
 
-def default_names(options: EkfOptions) -> tuple[str, ...]:
+def default_names(options: EkfOptions, spacing: float = 0.0) -> tuple[str, ...]:
     """Return the names of what is tuned where nothing else is asked for.
 
     Initial deviations are left alone: a drive is a single draw of them.
 
     Args:
         options: The filter.
+        spacing: Time between the fixes that take part, s; where they are not all of them,
+            :data:`FIX_ENTRIES` are left alone, too.
 
     Returns:
         Names, without those whose value is zero.
     """
-    return tuple(name for name in _used(options) if getattr(options.noise, name) > 0.0)
+    held = FIX_ENTRIES if spacing > 0.0 else ()
+    used = (name for name in _used(options) if name not in held)
+    return tuple(name for name in used if getattr(options.noise, name) > 0.0)
 
 
 def unit_of(name: str) -> str:

@@ -115,8 +115,8 @@ def tune_noise(
         raise ConfigError(
             "tuning: found feedback 'open'; tune with feedback 'closed' and use its noise for both"
         )
-    parameters = FreeParameters(options, tuning.free or default_names(options))
-    ready = [DriveLikelihood(drive, options, alignment) for drive in drives]
+    parameters = FreeParameters(options, tuning.free or default_names(options, tuning.spacing))
+    ready = [DriveLikelihood(drive, options, alignment, tuning.spacing) for drive in drives]
     objective = NoiseObjective(ready, parameters, tuning)
     before = _own_likelihood(objective, parameters.start)
     mark = _fingerprint(drives, options, tuning)
