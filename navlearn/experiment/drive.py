@@ -92,6 +92,8 @@ def _part(log: DriveLog, start: float, stop: float) -> DriveLog:
     name = f"{log.metadata.name}_{start:g}-{stop:g}s"
     # Where it began is no longer its start.
     extra = {**log.metadata.extra, **of_drive(log.metadata)}
+    # faults are counted by row of the whole log's fixes
+    extra.pop("faults", None)
     return replace(part, metadata=replace(part.metadata, name=name, start=None, extra=extra))
 
 

@@ -85,7 +85,7 @@ def with_faults(log: DriveLog, options: FaultOptions) -> FaultyLog:
         offsets.loc[hit, "fault"] = number
         offsets.loc[hit, ["east", "north", "up"]] = moved.offset
         found.append(_row(number, fault, int(hit[0]), part["t"].to_numpy()[1:], moved))
-    stated = {"asked": asdict(options), "injected": found}
+    stated = {"asked": asdict(options), "injected": found, "fixes": len(fixes)}
     metadata = replace(
         log.metadata,
         name=f"{log.metadata.name}_faults_{options.seed}",
@@ -103,10 +103,20 @@ def injected_faults(log: DriveLog) -> pd.DataFrame | None:
 
     Returns:
         What :class:`FaultyLog` calls its table, or None where nothing was put in.
+
+    Raises:
+        LogError: Fixes are missing that it had when the faults were put in.
     """
     stated = log.metadata.extra.get("faults")
     if not isinstance(stated, Mapping):
         return None
+    had = int(stated.get("fixes", len(log.fixes)))
+    if len(log.fixes) != had:
+        raise LogError(
+            f"{log.metadata.name}: has {len(log.fixes)} fixes, and had {had} when "
+            "faults were put into them, which are counted by row; cut a log first, then put "
+            "faults into it"
+        )
     table = pd.DataFrame(stated["injected"], columns=COLUMNS)
     return table.assign(t=log.fixes["t"].to_numpy(np.float64)[table["first_row"].to_numpy(int)])
 

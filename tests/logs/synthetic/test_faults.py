@@ -18,6 +18,7 @@ from navlearn.logs.synthetic import (
     simulate_drive,
     with_faults,
 )
+from navlearn.logs.synthetic.fault_schedule import planned_faults
 from navlearn.logs.synthetic.faults import injected_faults
 
 EARTH = 6378137.0
@@ -80,8 +81,8 @@ def test_faults_neither_touch_nor_begin_early(log):
 @pytest.mark.parametrize("size", [2.0, 100.0])
 def test_spikes_have_their_size_in_every_direction(log, size):
     dense = FaultOptions(spikes=Spikes(sizes=(size,), per_hour=3600.0), apart=0.0, settle=0.0)
-    made = with_faults(log, dense)
-    assert len(made.table) > 900
+    made = with_faults(log.between(0.0, 500.0), dense)
+    assert len(made.table) > 250
     np.testing.assert_allclose(np.hypot(made.table["east"], made.table["north"]), size)
     assert (made.table["duration"] == 0.0).all()
     # uniform directions: both components vanish on average to 1/sqrt(2 n)
@@ -90,8 +91,9 @@ def test_spikes_have_their_size_in_every_direction(log, size):
 
 
 def test_rates_are_those_asked_for(log):
+    t = log.fixes["t"].to_numpy()
     hits = [
-        len(with_faults(log, FaultOptions(spikes=Spikes(per_hour=40.0), apart=0.0, seed=s)).table)
+        len(planned_faults(t, FaultOptions(spikes=Spikes(per_hour=40.0), apart=0.0, seed=s)))
         for s in range(60)
     ]
     expected = 40.0 * (1800.0 - 60.0) / 3600.0
@@ -197,3 +199,10 @@ def test_the_log_itself_tells_of_its_faults_on_its_own_clock(log, tmp_path):
 def test_figures_without_meaning_are_named(kinds, named):
     with pytest.raises(ConfigError, match=named):
         FaultOptions(**kinds)
+
+
+def test_a_log_that_was_cut_does_not_tell_wrong_times_of_its_faults(log):
+    faulty = with_faults(log, EVERY).log
+    for part in (faulty.between(0.0, 900.0), faulty.between(600.0, 1800.0)):
+        with pytest.raises(LogError, match="cut a log first"):
+            injected_faults(part)
