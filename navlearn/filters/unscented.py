@@ -26,7 +26,8 @@ class UnscentedOptions:
     lay them at √3, where the fourth moment of a normal is met, however many states there are; α = 1
     lays them at √n, four deviations for a full IMU. Up to a start's azimuth that is unsure by 30°
     every spread finds the same; from 60° on points at √n meet behind the car and tell of nothing
-    (``benchmarks/unscented_spread.py``).
+    (``benchmarks/unscented_spread.py``). Those at √3 meet there if it is told to be unsure by
+    180°/√3, as an azimuth is that may be anything: tell 90°, or choose α so that γ is below 1.5.
 
     Attributes:
         alpha: Spread α; [Ghouneem2024] names 1e-4 to 1. None is √(3/(n + κ)).
