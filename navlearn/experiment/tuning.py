@@ -15,12 +15,11 @@ from typing import Any, Literal
 from navlearn.errors import ConfigError, OutputExistsError
 from navlearn.experiment.baselines import filter_options
 from navlearn.experiment.drive import timeline_of
-from navlearn.experiment.held_out_gain import HeldOutGain, held_out_gain
 from navlearn.experiment.tuning_drives import Stretch, laid_out
+from navlearn.experiment.tuning_verdict import UNJUDGED, TuningVerdict, judged
 from navlearn.fusion.options import EkfOptions
 from navlearn.learning.allan_start import tuned_by_allan
 from navlearn.learning.difference_tuning import Rule, tuned_by_differences
-from navlearn.learning.held_out import HeldOutStretch, held_out_scores
 from navlearn.learning.noise_figures import NoiseFigures
 from navlearn.learning.noise_options import TuningOptions
 from navlearn.learning.noise_parameters import INITIAL
@@ -44,13 +43,13 @@ class TuningResult:
     Attributes:
         spec: The tuned spec.
         figures: What became of each free entry; None for rules, which tell no errors.
-        held_out: What it gains on held-out data; None where nothing was held out.
+        held_out: What held-out data say of it; None where nothing was held out.
         wall: How long it took, judging included, s.
     """
 
     spec: TunedSpec
     figures: NoiseFigures | None
-    held_out: HeldOutGain | None
+    held_out: TuningVerdict | None
     wall: float
 
 
@@ -105,6 +104,11 @@ def tune_recipe(
     logs = [part for _, part in parts if part is not None]
     if not logs:
         raise ConfigError("tuning: every drive is held out; name more, or hold out a smaller share")
+    if method == "allan" and len(logs) > 1:
+        raise ConfigError(
+            f"tuning: allan reads one standstill of one drive, and {len(logs)} are there to tune "
+            "on; name one, and one to judge it by"
+        )
     tuning = tuning or TuningOptions()
     before = filter_options(recipe, log=logs[0])
     checkpoint = out.with_name(f"{out.name}.unfinished")
@@ -112,19 +116,23 @@ def tune_recipe(
         found = _by_gradient(recipe, logs, before, tuning, checkpoint, progress)
     else:
         found = _by_rule(recipe, logs, before, method)
-    gain = _judged(recipe, stretches, before, found.filter, tuning)
+    verdict = judged(recipe, stretches, before, found.filter, tuning)
     wall = time.monotonic() - begun
     spec = TunedSpec(
         name=name or _name_of(out),
         method=method,
         filter=found.filter,
         made_from=tuple(stretch.made_from for stretch, part in parts if part is not None),
-        figures={**found.numbers, **_gain_numbers(gain), "wall_s": round(wall, 1)},
-        notes=(*found.notes, _verdict(gain)),
+        figures={
+            **found.numbers,
+            **({} if verdict is None else verdict.figures),
+            "wall_s": round(wall, 1),
+        },
+        notes=(*found.notes, UNJUDGED if verdict is None else verdict.words),
     )
     write_tuned(out, spec, replace=force)
     shutil.rmtree(checkpoint, ignore_errors=True)
-    return TuningResult(spec=spec, figures=found.figures, held_out=gain, wall=wall)
+    return TuningResult(spec=spec, figures=found.figures, held_out=verdict, wall=wall)
 
 
 def refuse_overwriting(out: Path, force: bool) -> None:
@@ -215,6 +223,8 @@ def _notes(found: TunedNoise) -> list[str]:
     vague = [one.name for one in found.figures.entries if not one.told]
     if vague:
         notes.append(f"the drives could not tell {', '.join(vague)}: the prior holds them")
+    if found.gain <= 0.0:
+        notes.append("no gain: by the filter's own gate the drives are no likelier than before")
     if not found.converged:
         notes.append("the search was stopped before it ended by itself")
     return notes
@@ -240,49 +250,3 @@ def _by_differences(
     # negative averages are no variances: without their signs there is a filter to look at
     rule: Rule = "increments" if method == "differences" else "ghouneem2024_absolute"
     return tuned_by_differences(drives, before, rule)
-
-
-def _judged(
-    recipe: Recipe,
-    stretches: Sequence[Stretch],
-    before: EkfOptions,
-    found: dict[str, Any],
-    tuning: TuningOptions,
-) -> HeldOutGain | None:
-    judging = [stretch for stretch in stretches if stretch.judges]
-    if not judging:
-        return None
-    spec = TunedSpec(filter=found)
-    tuned = recipe.model_copy(update={"filter": spec.laid_over(recipe.filter)})
-    after = filter_options(tuned, log=judging[0].log)
-    parts = []
-    for stretch in judging:
-        drive, start_time = laid_out(stretch.log, recipe)
-        parts.append(HeldOutStretch(drive=drive, after=stretch.tuned_until - start_time))
-    scores = held_out_scores(
-        parts, before, after, window=tuning.window, likelihood=tuning.likelihood
-    )
-    return held_out_gain(scores)
-
-
-def _gain_numbers(gain: HeldOutGain | None) -> dict[str, Any]:
-    if gain is None:
-        return {}
-    told = {
-        "before": gain.before,
-        "after": gain.after,
-        "gain": gain.gain,
-        "gain_low": gain.low,
-        "gain_high": gain.high,
-    }
-    kept = {name: round(value, 4) for name, value in told.items() if value == value}
-    return {
-        "held_out_nats_per_s": kept,
-        "held_out_windows": gain.windows,
-        "held_out_s": round(gain.seconds, 1),
-        "recommended": int(gain.recommended),
-    }
-
-
-def _verdict(gain: HeldOutGain | None) -> str:
-    return "nothing was held out to judge it" if gain is None else gain.verdict

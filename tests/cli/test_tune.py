@@ -84,6 +84,8 @@ def test_what_cannot_be_done_is_said_in_one_line(recipe: Path, tmp_path: Path) -
         ("every drive of a sweep is scored", (sweep, "--grade", "mems_m")),
         ("choose one of mems_m, mems_l", (sweep, "--grade", "mems_x", "--seeds", 11)),
         ("is scored", (sweep, "--grade", "mems_m", "--seeds", 16)),
+        ("gradient only", (recipe, "--method", "allan", "--free", "turn_noise")),
+        ("one standstill of one drive", (recipe, "--method", "allan", "--seeds", "12,13,14")),
         ("lie before its first outage", (recipe, "--holdout", 0.1)),
         ("nothing that this filter uses", (recipe, "--holdout", 0.4, "--free", "velocity_walk")),
     ):
