@@ -136,7 +136,7 @@ def outage_rows(recipe: Recipe, result: TuningResult) -> pd.DataFrame:
 def show_gain(name: str, result: TuningResult, rows: pd.DataFrame) -> None:
     gain = result.held_out
     if gain is not None:
-        print(f"{name}: {gain.verdict}")
+        print(f"{name}: {gain.words}")
     found = compare(rows, "ekf+tuned", "ekf")
     mean = {method: averages(rows, method).mean for method in ("ekf", "ekf+tuned")}
     print(
@@ -148,7 +148,7 @@ def show_gain(name: str, result: TuningResult, rows: pd.DataFrame) -> None:
 
 
 def show_simulated(args: argparse.Namespace, folder: Path) -> None:
-    options = TuningOptions(iterations=args.steps)
+    options = TuningOptions(iterations=args.steps, spacing=args.spacing)
     for grade in args.grades:
         recipes = [simulated_recipe(grade, seed, args) for seed in args.tune_seeds]
         judging = [simulated_recipe(grade, seed, args) for seed in args.judge_seeds]
@@ -171,7 +171,7 @@ def show_real(name: str, args: argparse.Namespace, folder: Path) -> None:
     own = own_stretch(recipe, 0.0)
     first = min(outage.start for outage in drive.placement.outages)
     whole = Stretch(log=drive.log, fingerprint=own.fingerprint, tuned_until=first)
-    options = TuningOptions(iterations=args.steps)
+    options = TuningOptions(iterations=args.steps, spacing=args.spacing)
     out = folder / f"{name}.yaml"
     result = tune_recipe(recipe, [whole], out, tuning=options, progress=False)
     show_gain(f"{name}, first {first:.0f} s on the rest", result, outage_rows(recipe, result))
@@ -183,6 +183,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=1800.0, help="length of drives, s")
     parser.add_argument("--hour", type=float, default=3600.0, help="length of the timed drive, s")
     parser.add_argument("--steps", type=int, default=80, help="steps of a search at the most")
+    parser.add_argument("--spacing", type=float, default=0.0, help="between fixes, s")
     parser.add_argument("--factors", nargs="+", type=float, default=[1.0, 10.0, 0.1])
     parser.add_argument("--known-seed", type=int, default=11)
     parser.add_argument("--grades", nargs="+", default=["mems_l", "mems_m", "tactical"])

@@ -1,4 +1,4 @@
-"""What a tuned filter gains on held-out data, with an interval, and whether to take it."""
+"""By how much a tuned filter foretells held-out data better, with an interval."""
 
 import math
 from dataclasses import dataclass
@@ -39,23 +39,17 @@ class HeldOutGain:
         return self.after - self.before
 
     @property
-    def recommended(self) -> bool:
-        """Whether the tuned filter is clearly the better one."""
+    def better(self) -> bool:
+        """Whether the tuned filter is clearly the likelier one."""
         return self.low > 0.0
 
     @property
-    def verdict(self) -> str:
-        """The same in words."""
-        told = (
+    def words(self) -> str:
+        """The figures in words."""
+        return (
             f"held-out log-likelihood {self.before:.3f} -> {self.after:.3f} nats/s, "
             f"{self.gain:+.3f} ({self.low:+.3f} to {self.high:+.3f}, 95 %, {self.windows} windows)"
         )
-        if self.recommended:
-            return f"recommended: {told}"
-        if math.isnan(self.low):
-            return f"not recommended: too little is held out to tell: {told}"
-        worse = "worse" if self.high < 0.0 else "no clear gain"
-        return f"not recommended: {worse}: {told}"
 
 
 def held_out_gain(scores: HeldOutScores, *, seed: int = 0) -> HeldOutGain:

@@ -32,6 +32,9 @@ from navlearn.states import FixTiming, GnssFix, RissSample
 LEAST_FIXES = 30
 """Fewest fixes after alignment from which anything can be learned."""
 
+LEAST_SPACED = 10
+"""The same where fixes are some time apart and hardly share an error."""
+
 
 class TuningDrive(NamedTuple):
     """A drive, or the stretch of one that a filter may be tuned on.
@@ -106,6 +109,7 @@ class DriveLikelihood:
         options: EkfOptions,
         alignment: AlignmentOptions | None = None,
         spacing: float = 0.0,
+        least: int | None = None,
     ) -> None:
         """Align and lay out a drive.
 
@@ -114,6 +118,7 @@ class DriveLikelihood:
             options: The filter.
             alignment: How it is started, with all fixes; None means the defaults.
             spacing: The filter runs on fixes at least so far apart, s; 0 for all of them.
+            least: Fewest fixes that are enough; None for what learning needs.
 
         Raises:
             LogError: The drive cannot be aligned, or has hardly any fix afterwards.
@@ -132,13 +137,10 @@ class DriveLikelihood:
         )
         fixes, timing = told_from(drive.fixes, spaced_fixes(later, elapsed, spacing), first)
         count = int((timing.index >= 0).sum())
-        if count < LEAST_FIXES:
-            apart = f" {spacing:g} s apart" if spacing > 0.0 else ""
-            closer = ", or take fixes that are closer together" if spacing > 0.0 else ""
-            raise LogError(
-                f"{drive.name}: {count} fixes{apart} after alignment; tuning needs {LEAST_FIXES} "
-                f"or more: give it a longer drive, or a longer part of this one{closer}"
-            )
+        if least is None:
+            least = LEAST_SPACED if spacing > 0.0 else LEAST_FIXES
+        if count < least:
+            raise LogError(_too_few(drive.name, count, least, spacing))
         samples = RissSample(*(channel[first:].unsqueeze(0) for channel in drive.samples))
         fixes, timing = GnssFix(*map(unsqueezed, fixes)), FixTiming(*map(unsqueezed, timing))
         self.model = filter_model(options)
@@ -206,6 +208,15 @@ class DriveLikelihood:
         """
         start = self.start if start is None else start
         return foretold(self.model, start, self.line, noise, held.begin, held.said, options)
+
+
+def _too_few(name: str, count: int, least: int, spacing: float) -> str:
+    apart = f" {spacing:g} s apart" if spacing > 0.0 else ""
+    closer = ", or take fixes that are closer together" if spacing > 0.0 else ""
+    return (
+        f"{name}: {count} fixes{apart} after alignment; tuning needs {least} or more: give it a "
+        f"longer drive, or a longer part of this one{closer}"
+    )
 
 
 def by_window(

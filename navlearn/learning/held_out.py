@@ -89,7 +89,7 @@ def _windows(
     alignment: AlignmentOptions | None,
     spacing: float,
 ) -> tuple[Tensor, Tensor]:
-    own = DriveLikelihood(stretch.drive, options, alignment, spacing)
+    own = DriveLikelihood(stretch.drive, options, alignment, spacing, least=1)
     noise = noise_from_log(log_noise(options.noise))
     with torch.no_grad():
         found = own.foretold(own.judged(noise), noise, None, likelihood)

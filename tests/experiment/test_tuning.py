@@ -85,23 +85,21 @@ def _scores(gain: float, spread: float, count: int) -> HeldOutScores:
     return HeldOutScores(before=before, after=before + more, seconds=seconds)
 
 
-def test_a_gain_is_recommended_only_where_it_is_clear() -> None:
+def test_a_gain_counts_only_where_it_is_clear() -> None:
     clear = held_out_gain(_scores(0.5, 10.0, 30))
     assert clear.low < clear.gain < clear.high
     # as wide as Student's interval of a mean
     width = 2.0 * 2.045 * 10.0 / 60.0 / math.sqrt(30)
     assert clear.high - clear.low == pytest.approx(width, rel=0.35)
-    assert clear.recommended
-    assert clear.verdict.startswith("recommended")
+    assert clear.better
     worse = held_out_gain(_scores(-0.5, 10.0, 30))
-    assert not worse.recommended
-    assert "worse" in worse.verdict
+    assert not worse.better
+    assert worse.high < 0.0
     unclear = held_out_gain(_scores(0.01, 10.0, 30))
-    assert not unclear.recommended
-    assert "no clear gain" in unclear.verdict
+    assert not unclear.better
     alone = held_out_gain(_scores(0.5, 10.0, 1))
-    assert not alone.recommended
-    assert "too little" in alone.verdict
+    assert not alone.better
+    assert math.isnan(alone.low)
 
 
 @pytest.mark.parametrize("count", [2, 3, 4, 6])
