@@ -149,7 +149,7 @@ def test_equals_the_textbook(make_drive: Any, name: str, alpha: float | None) ->
 
 @pytest.mark.parametrize("name", CHOICES)
 def test_forms_agree(make_drive: Any, name: str) -> None:
-    d = make_drive(seconds=20, rate=25)
+    d = make_drive(seconds=12, rate=20)
     options = unscented(0.5, **CHOICES[name])
     exact, slow = filtered(options, d), filtered(options, d, "sequential")
     fast = filtered(options, d, "fast")

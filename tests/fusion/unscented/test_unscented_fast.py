@@ -8,6 +8,7 @@ import torch
 from navlearn.filters.tight_belief import map_tree
 from navlearn.filters.unscented import UnscentedOptions
 from navlearn.frames import enu_between
+from navlearn.fusion.continued import continued
 from navlearn.fusion.error_state import initial_belief
 from navlearn.fusion.gate_options import GateOptions
 from navlearn.fusion.loosely_coupled import LooselyCoupledEkf
@@ -207,3 +208,24 @@ def test_two_fixes_may_share_a_sample(make_drive):
     timing = FixTiming(*(torch.repeat_interleave(x, 2, dim=1) for x in d.timing))
     d = d._replace(fixes=fixes, timing=timing)
     assert_alike(run(EkfOptions(), d, "fast"), run(EkfOptions(), d, "exact"))
+
+
+def test_a_run_goes_on_from_its_own_beliefs(make_drive):
+    """Mean, covariance and refusals in a row are all that a run needs of what was before."""
+    d = map_tree(make_drive(seconds=40), lambda x: x[0])
+    lat = d.fixes.lat.clone()
+    lat[18:] += 100.0 / 6.37e6
+    d = d._replace(fixes=d.fixes._replace(lat=lat))
+    options, gone = EkfOptions(gate=GateOptions(reset_after=4)), 20
+    whole = run(options, d, "fast")
+    stop = int(d.timing.index[gone]) + 1
+    start, truth, samples, fixes, timing = d
+    samples, truth = (map_tree(part, lambda x: x[:stop]) for part in (samples, truth))
+    fixes, timing = (map_tree(part, lambda x: x[: gone + 1]) for part in (fixes, timing))
+    earlier = run(options, type(d)(start, truth, samples, fixes, timing), "fast")
+    block = int((earlier.fix == gone).nonzero())
+    assert 0.0 < float(earlier.belief.refused[block, Kind.POSITION]) < 4.0
+    ukf = LooselyCoupledUkf(options)
+    found = continued(ukf, earlier, block, d.samples, d.fixes, d.timing)
+    assert int(found.resets[Kind.POSITION]) == 1
+    assert_alike(found, whole)
