@@ -87,6 +87,8 @@ def tune(
         raise ConfigError(f"--method {method}: choose among {', '.join(METHODS)}")
     if not 0.0 <= holdout < 1.0:
         raise ConfigError(f"--holdout {holdout:g}: give a share from 0 to below 1")
+    if not 0.0 <= spacing < math.inf:
+        raise ConfigError(f"--spacing {spacing:g}: give seconds, 0 for all fixes")
     if method != "gradient" and (free or minutes is not None):
         raise ConfigError(f"--free, --minutes: for --method gradient only, not {method}")
     refuse_overwriting(out, force)

@@ -51,7 +51,15 @@ def test_a_recipe_is_tuned_on_what_lies_before_its_first_outage(recipe: Path) ->
     assert 150.0 < made.until_s < 0.65 * 440.0
     assert spec.figures["held_out_windows"] >= 2
     assert spec.figures["recommended"] in (0, 1)
-    assert any("recommended" in note for note in spec.notes)
+    outages = spec.figures["held_out_outages"]
+    assert isinstance(outages, dict)
+    assert outages["duration_s"] == 60.0
+    assert outages["count"] == 1
+    verdict = next(note for note in spec.notes if "recommended" in note)
+    assert verdict.startswith("recommended") == bool(spec.figures["recommended"])
+    assert "nats/s" in verdict
+    assert "held-out outages of 60 s" in verdict
+    assert verdict in shown
     for said in ("position_inflation", "fix, east and north", "95 % interval", "held-out", "Took"):
         assert said in shown
     assert not list(recipe.parent.glob("*.unfinished"))
@@ -64,7 +72,7 @@ def test_a_recipe_is_tuned_on_what_lies_before_its_first_outage(recipe: Path) ->
 def test_what_is_not_recommended_says_so(recipe: Path) -> None:
     out = recipe.with_name("none.yaml")
     shown = invoke("tune", recipe, "--out", out, "--holdout", 0, *QUICK)
-    assert "nothing was held out" in shown
+    assert "nothing was held out, so nothing was judged" in shown
     assert "recommended" not in read_tuned(out).figures
 
 
@@ -76,6 +84,7 @@ def test_what_cannot_be_done_is_said_in_one_line(recipe: Path, tmp_path: Path) -
     for said, arguments in (
         ("choose among gradient", (recipe, "--method", "guessing")),
         ("give a share", (recipe, "--holdout", 1.0)),
+        ("give seconds", (recipe, "--spacing", -1)),
         ("is scored", (recipe, "--seeds", "12,11")),
         ("whole numbers", (recipe, "--seeds", "twelve")),
         ("give one of them", (recipe, "--seeds", "12", "--log", tmp_path)),
@@ -112,8 +121,23 @@ def test_rules_that_need_a_reference_go_the_same_way(recipe: Path, method: str) 
     spec = read_tuned(out)
     assert spec.method == method
     assert spec.filter["noise"]
-    assert "held-out" in shown
+    assert "held-out log-likelihood" in shown
+    assert "held-out outages of 60 s" in shown
     assert "noise.position_walk" in shown or "noise.gyro_random_walk" in shown
+
+
+def test_fixes_some_time_apart_tell_the_noise_of_motion_alone(recipe: Path) -> None:
+    out = recipe.with_name("spaced.yaml")
+    shown = invoke(
+        "tune", recipe, "--out", out, "--spacing", 5, "--holdout", 0.4, "--iterations", 1, "--quiet"
+    )
+    spec = read_tuned(out)
+    assert "gyro_random_walk" in spec.filter["noise"]
+    assert not {"position_inflation", "velocity_floor"} & set(spec.filter["noise"])
+    assert "fixes 5 s apart" in shown
+    like = spec.figures["held_out_nats_per_s"]
+    assert isinstance(like, dict)
+    assert like["spacing_s"] == 5.0
 
 
 def test_any_file_may_be_named_but_a_folder(recipe: Path, tmp_path: Path) -> None:
