@@ -193,6 +193,11 @@ def test_an_open_loop_refuses_by_its_estimate(make_drive):
 def test_streaming_with_a_watch_beside_it_equals_the_record(make_drive, name):
     d = spoiled_drives(make_drive)
     d = type(d)(*(type(v)(*(x[:1] for x in v)) for v in d))
+    d = d._replace(
+        samples=RissSample(*(x[:, :420] for x in d.samples)),
+        fixes=GnssFix(*(x[:, :42] for x in d.fixes)),
+        timing=FixTiming(*(x[:, :42] for x in d.timing)),
+    )
     options = EkfOptions(
         gate=CHOICES[name], zero_yaw_rate=False, lever_arm=(0.4, -1.0, 1.5), max_block=1.0
     )

@@ -47,18 +47,20 @@ def of_fixes(history):
 
 @pytest.mark.parametrize("name", GATES)
 def test_all_forms_believe_the_same(make_drive, lever_arm, name):
-    d = spoiled(make_drive(seconds=40, rate=25))
+    d = spoiled(make_drive(seconds=33, rate=20))
     options = InsEkfOptions(lever_arm=lever_arm, gate=GATES[name])
-    exact, fast, turn = (run(options, d, m) for m in ("exact", "fast", "sequential"))
-    assert (exact.method, fast.method, turn.method) == ("exact", "fast", "sequential")
+    # sample by sample is slow: the gates that have everything stand for the others
+    methods = ("exact", "fast", *(("sequential",) if name in ("all", "student") else ()))
+    exact, *others = (run(options, d, m) for m in methods)
+    assert tuple(one.method for one in (exact, *others)) == methods
     said = of_fixes(exact)
     assert said[14] != int(Verdict.ACCEPTED)
     assert said[22] != int(Verdict.ACCEPTED)
-    for other in (fast, turn):
+    for other in others:
         assert torch.equal(other.verdict, exact.verdict)
         assert torch.equal(other.belief.refused, exact.belief.refused)
         gap = state_difference(other.trajectory, exact.trajectory).abs()
-        assert float(gap[..., :3].max()) < (1e-3 if other is fast else 0.1)
+        assert float(gap[..., :3].max()) < (1e-3 if other.method == "fast" else 0.1)
 
 
 def test_reasons_and_the_reset_of_the_anchor(make_drive, lever_arm):
