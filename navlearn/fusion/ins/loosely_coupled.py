@@ -8,6 +8,7 @@ of each at once; ``fast`` solves for all blocks at once and iterates.
 import torch
 from torch import Tensor, nn
 
+from navlearn.errors import ConfigError
 from navlearn.filters.ins_belief import InsBelief
 from navlearn.fusion.ins.composed import predict_ins_composed
 from navlearn.fusion.ins.drives import Method as Method
@@ -36,9 +37,17 @@ class InsEkf(nn.Module):
 
         Args:
             options: Choices; None means the defaults.
+
+        Raises:
+            ConfigError: If the options ask for sigma points.
         """
         super().__init__()
         self.options = options or InsEkfOptions()
+        if self.options.unscented is not None:
+            raise ConfigError(
+                "InsEkf: found options.unscented, which an extended filter has no use for; take "
+                "InsUkf, or navlearn.fusion.filters_of.ins_filter(options)"
+            )
         self.model = ins_filter_model(self.options)
         self.log_noise = nn.Parameter(log_ins_noise(self.options.noise), requires_grad=False)
 

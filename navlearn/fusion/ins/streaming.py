@@ -6,6 +6,7 @@ stay with :meth:`navlearn.fusion.ins.loosely_coupled.InsEkf.update`.
 
 from torch import Tensor, nn
 
+from navlearn.errors import ConfigError
 from navlearn.filters.ins_belief import InsBelief
 from navlearn.fusion.ins.imu_errors import SensorStates
 from navlearn.fusion.ins.layout import ins_layout
@@ -33,8 +34,16 @@ class InsPredictor(nn.Module):
         Args:
             options: Choices of the filter.
             noise: Noise densities, learned ones say; None takes those of the options.
+
+        Raises:
+            ConfigError: If the options ask for sigma points.
         """
         super().__init__()
+        if options.unscented is not None:
+            raise ConfigError(
+                "InsPredictor: found options.unscented; this is the extended filter's prediction: "
+                "leave unscented out, or take the step of InsUkf"
+            )
         layout = ins_layout(options)
         noise = ins_noise_from_log(log_ins_noise(options.noise)) if noise is None else noise
         self.has_bias: bool = layout.has_bias

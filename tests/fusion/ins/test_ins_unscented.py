@@ -20,6 +20,7 @@ from navlearn.fusion.ins.loosely_coupled import InsEkf
 from navlearn.fusion.ins.measurements import InsKind
 from navlearn.fusion.ins.options import InsEkfOptions, InsInitialOptions, InsNoiseOptions
 from navlearn.fusion.ins.start import initial_ins_belief
+from navlearn.fusion.ins.streaming import InsPredictor
 from navlearn.fusion.ins.timeline import coning_compensated, ins_rest_at_end
 from navlearn.fusion.measurements import Verdict
 from navlearn.fusion.tight.ins_vehicle import InsVehicle
@@ -283,6 +284,10 @@ def test_doors(make_drive: Any) -> None:
     d = make_drive(seconds=6, rate=10)
     with pytest.raises(ConfigError, match="feedback closed"):
         InsUkf(InsEkfOptions(feedback="open"))
+    with pytest.raises(ConfigError, match="take InsUkf"):
+        InsEkf(unscented())
+    with pytest.raises(ConfigError, match="step of InsUkf"):
+        InsPredictor(unscented())
     with pytest.raises(ConfigError, match="choose exact, fast or sequential"):
         filtered(unscented(), d, "quick")
     with pytest.raises(ShapeError, match=r"samples\.f_b"):
