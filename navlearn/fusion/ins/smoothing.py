@@ -61,7 +61,7 @@ def smooth_ins(
     """Smooth what a full-IMU filter made of drives.
 
     Args:
-        ekf: The filter.
+        ekf: The filter; an unscented one is smoothed as an extended one, from its own beliefs.
         start: Belief with which it started, batch shape (B,) or ().
         samples: Its samples, shape (B, T) or (T,) each, vectors (B, T, 3) or (T, 3).
         fixes: Its fixes, shape (B, M) or (M,) each.
