@@ -32,6 +32,7 @@ SMALLEST = {
         *("--steps", "2", "--factors", "1", "--grades", "mems_m", "--tune-seeds", "11"),
         *("--judge-seeds", "13", "--outages", "1", "--warm-up", "200"),
     ],
+    "tuning_by_differences": ["--grades", "mems_m", "--duration", "400"],
     "tuning_spacing": [
         *("--grades", "mems_m", "--spacings", "5", "--seconds", "400", "--steps", "2"),
         *("--tune-seeds", "11", "--judge-seeds", "13", "--outages", "1", "--warm-up", "200"),

@@ -135,14 +135,16 @@ def judged(
     """
     there = present > 0.5
     beyond = beyond_limits(model, nis, there, faults)
-    patient = refused >= model.gate.reset_after
+    # nothing begins anew by what is no number, however long it is refused
+    finite = torch.isfinite(nis)
+    patient = (refused >= model.gate.reset_after) & finite
     begun = torch.zeros_like(there[..., :1])
     if model.anchor is not None:
         anchor = slice(model.anchor, model.anchor + 1)
         begun = (beyond & patient)[..., anchor]
         patient = torch.where(there[..., anchor], begun, patient)
     alone = there & begun & ~_company(model, there)
-    reset = beyond & patient & ~alone
+    reset = beyond & patient & finite & ~alone
     gate = (beyond & ~reset) | alone
     verdict = there.to(torch.int64) * int(Verdict.ACCEPTED)
     verdict = torch.where(gate, int(Verdict.REFUSED_BY_GATE), verdict)

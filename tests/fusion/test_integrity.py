@@ -263,3 +263,25 @@ def test_a_limit_that_refuses_most_fixes_is_named_in_the_warning(make_drive):
     d = make_drive(seconds=60, rate=10)
     with pytest.warns(UserWarning, match="position; the noise or a limit in metres is too small"):
         run(EkfOptions(gate=printed), d)
+
+
+@pytest.mark.parametrize(
+    "gate", [GateOptions(reset_after=3), GateOptions(prediction_limit=5.0, reset_after=3)]
+)
+def test_a_receiver_that_tells_no_numbers_never_resets_the_filter(make_drive, gate):
+    d = make_drive(seconds=10, rate=10)
+    d = type(d)(*(type(v)(*(x[0] for x in v)) for v in d))
+    options = EkfOptions(gate=gate)
+    filter_, belief = LooselyCoupledEkf(options), initial_belief(options, d.start)
+    with torch.no_grad():
+        for k in range(100):
+            sample = RissSample(*(x[k] for x in d.samples))
+            belief = filter_.step(belief, sample)
+            if (k + 1) % 10 == 0:
+                fix = GnssFix(*(x[k // 10] for x in d.fixes))
+                if 1 <= k // 10 < 9:
+                    fix = fix._replace(lat=fix.lat * torch.nan)
+                belief = filter_.update(belief, fix, sample)
+    assert bool(torch.isfinite(belief.covariance).all())
+    assert apart(belief.state, [x[-1] for x in d.truth[:3]]) < 5.0
+    assert float(belief.refused[Kind.POSITION]) == 0.0
