@@ -8,7 +8,7 @@ from scipy.signal import welch
 
 from navlearn.errors import ConfigError, LogError
 from navlearn.logs.allan.deviation import AllanCurve, allan_curve
-from navlearn.logs.allan.stretch import AXES, Stretch, axis_samples, stretch_of
+from navlearn.logs.allan.stretch import AXES, Stretch, axis_samples, moving_time, stretch_of
 from navlearn.logs.allan.terms import NoiseTerms, noise_terms
 from navlearn.logs.drive_log import DriveLog
 from navlearn.logs.imu_means import known_samples
@@ -17,6 +17,9 @@ from navlearn.logs.nearest import nearest_hint
 
 VIBRATION = 0.2
 """A line that holds this share of an axis's power is worth a word."""
+
+MOVES = 1.0
+"""A car that moves for so long in a stretch is worth a word, s."""
 
 LOWEST_LINE = 2.0
 """Below this frequency a line is drift, not vibration, Hz."""
@@ -95,6 +98,7 @@ def standstill_noise(
                 f"axis: found {axis!r}{nearest_hint(axis, AXES)}; choose among {', '.join(AXES)}"
             )
     stretch = stretch_of(log, start, stop)
+    moving = _moving(moving_time(log, stretch))
     told: list[AxisNoise] = []
     rates: list[float] = []
     left_out: dict[str, str] = {}
@@ -108,7 +112,7 @@ def standstill_noise(
             continue
         curve = allan_curve(values, rate, confidence=confidence)
         terms = noise_terms(curve)
-        notes = (*_steps(values), *_vibration(values, rate), *_misfit(terms))
+        notes = (*moving, *_steps(values), *_vibration(values, rate), *_misfit(terms))
         told.append(AxisNoise(axis=axis, curve=curve, terms=terms, notes=notes))
         rates.append(rate)
     if not told:
@@ -119,6 +123,16 @@ def standstill_noise(
         rate_hz=float(np.median(rates)),
         axes=tuple(told),
         left_out=left_out,
+    )
+
+
+def _moving(seconds: float) -> tuple[str, ...]:
+    """Return a note where a car moves in a stretch that somebody chose."""
+    if seconds < MOVES:
+        return ()
+    return (
+        f"the car moves for {seconds:.0f} s of the stretch: what it reads then is no noise of the "
+        "sensor, and the terms are rough",
     )
 
 

@@ -111,6 +111,21 @@ def stretch_of(log: DriveLog, start: float | None = None, stop: float | None = N
     return Stretch(start=first, stop=last)
 
 
+def moving_time(log: DriveLog, stretch: Stretch) -> float:
+    """Return for how long a car moves in a stretch, s; 0 where nothing tells.
+
+    Args:
+        log: Drive.
+        stretch: Part of it.
+    """
+    try:
+        edges, still = _still(log)
+    except LogError:
+        return 0.0
+    inside = (edges[:-1] >= stretch.start) & (edges[1:] <= stretch.stop)
+    return _STEP * float((inside & ~still).sum())
+
+
 def axis_samples(log: DriveLog, axis: str, stretch: Stretch) -> tuple[FloatArray, float]:
     """Return what an axis read over a stretch, and its rate in Hz.
 

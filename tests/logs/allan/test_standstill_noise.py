@@ -75,6 +75,17 @@ def test_a_stretch_may_be_said() -> None:
     assert stretch_of(bench(), 250.0).stop == pytest.approx(300.0 - 1.0 / RATE)
 
 
+@pytest.mark.parametrize("odometer", [True, False])
+def test_a_stretch_in_which_the_car_moves_is_said(odometer: bool) -> None:
+    log = bench(odometer=odometer)
+    still = standstill_noise(log, start=20.0, stop=180.0)
+    assert all(one.notes == () for one in still.axes)
+    driven = standstill_noise(log, start=100.0, stop=250.0)
+    for one in driven.axes:
+        (said, seconds) = next((x, int(x.split()[4])) for x in one.notes if "car moves" in x)
+        assert seconds == pytest.approx(50.0, abs=3.0), said
+
+
 def test_gaps_split_standstills_and_are_refused_where_asked_for() -> None:
     gapped = without(bench(), 80.0, 81.0)
     found = still_stretches(gapped)
