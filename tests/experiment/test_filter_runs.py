@@ -72,9 +72,8 @@ def test_a_run_that_goes_on_equals_the_whole_run(log: DriveLog, filter: dict[str
         _, _, run = growing.run(known)
         timeline, _, whole = FilterRuns(recipe).run(known)
         assert run.first == whole.first
-        slack = (
-            100.0 if filter.get("model") == "bias_free" else 10.0 if "unscented" in filter else 1.0
-        )
+        # passes of sigma points leave a hundredth of a hundredth of a covariance
+        slack = 100.0 if "unscented" in filter or filter.get("model") == "bias_free" else 1.0
         assert_alike(run.history, whole.history, slack)
         for ours, theirs in zip(run.samples, whole.samples, strict=True):
             assert torch.equal(ours, theirs)
