@@ -99,9 +99,7 @@ def test_a_full_imu_refuses_with_the_same_words():
 
 
 def test_a_tight_filter_names_its_satellites(tmp_path):
-    recipe = make(
-        ("tc_ekf",), simulated={"satellites": "urban", "duration_s": 300, "seed": 11}
-    )
+    recipe = make(("tc_ekf",), simulated={"satellites": "urban", "duration_s": 300, "seed": 11})
     drive = prepare_drive(recipe)
     one = refusals(filters_of(recipe), drive.log)["tc_ekf"]
     assert isinstance(one, Refusals)
