@@ -10,6 +10,7 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from navlearn.errors import OutputExistsError
 from navlearn.recipe.filter_options import checked_filter, checked_ins_filter
+from navlearn.recipe.overrides import laid_over
 from navlearn.recipe.spec_base import PlainName
 from navlearn.recipe.strict import Section, parse
 from navlearn.recipe.yaml_file import read_yaml, yaml_text
@@ -78,7 +79,7 @@ class TunedSpec(Section):
             overrides: As a recipe's ``filter`` (``ins_filter`` where ``sensors`` is ``imu``)
                 holds them. What was not tuned stays.
         """
-        return _laid_over(overrides, self.filter)
+        return laid_over(overrides, self.filter)
 
 
 def read_tuned(path: str | Path) -> TunedSpec:
@@ -121,12 +122,3 @@ def write_tuned(path: str | Path, spec: TunedSpec, *, replace: bool = False) -> 
     except BaseException:
         Path(name).unlink(missing_ok=True)
         raise
-
-
-def _laid_over(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
-    both = dict(below)
-    for key, value in above.items():
-        under = both.get(key)
-        nested = isinstance(value, Mapping) and isinstance(under, Mapping)
-        both[key] = _laid_over(under, value) if nested else value  # type: ignore[arg-type]
-    return both
