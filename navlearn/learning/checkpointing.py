@@ -48,12 +48,15 @@ def write_checkpoint(path: Path, content: dict[str, Any]) -> None:
     os.replace(partial, path)
 
 
-def read_checkpoint(path: Path, expected: str) -> dict[str, Any]:
+def read_checkpoint(
+    path: Path, expected: str, *, otherwise: str = "another checkpoint folder"
+) -> dict[str, Any]:
     """Read a checkpoint of the same training.
 
     Args:
         path: File.
         expected: Fingerprint of the training that wants to go on.
+        otherwise: What to do instead of going on with the same, for the message.
 
     Raises:
         ConfigError: It was written by another training, or is damaged.
@@ -68,7 +71,7 @@ def read_checkpoint(path: Path, expected: str) -> dict[str, Any]:
     if found != expected:
         raise ConfigError(
             f"{path}: written with other data or options (fingerprint {found[:12]}, expected "
-            f"{expected[:12]}); use the same, or another checkpoint folder"
+            f"{expected[:12]}); use the same, or {otherwise}"
         )
     return dict(content)
 

@@ -233,6 +233,6 @@ def _kept(path: Path | None, mark: str, search: _Search) -> None:
 def _begun(path: Path | None, mark: str, start: Tensor) -> _Search:
     if path is None or not path.exists():
         return _Search(start, start)
-    content = read_checkpoint(path, mark)
+    content = read_checkpoint(path, mark, otherwise=f"delete {path.parent} to start anew")
     content.pop("fingerprint")
     return _Search(**content)

@@ -1,6 +1,7 @@
 """Noise found by likelihood: known noise, bad starts, resuming, what cannot be told, bad input."""
 
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -127,7 +128,8 @@ def test_an_interrupted_search_ends_where_an_uninterrupted_one_does(known, tmp_p
     assert first.iterations == 3
     with pytest.raises(OutputExistsError, match="resume"):
         tune_noise([known], start, TuningOptions(free=FREE[:2]), folder=tmp_path, progress=False)
-    with pytest.raises(ConfigError, match="other data or options"):
+    told = f"other data or options.*delete {re.escape(str(tmp_path))} to start anew"
+    with pytest.raises(ConfigError, match=told):
         tune_noise([known], FLAT, TuningOptions(free=FREE[:2]), folder=tmp_path, resume=True)
     rest = tune_noise(
         [known], start, TuningOptions(free=FREE[:2]), folder=tmp_path, resume=True, progress=False
