@@ -80,7 +80,8 @@ def tune(
     search goes on where it stopped when the same command is given again.
     """
     from navlearn.cli.tuned import show_tuned
-    from navlearn.experiment.tuning import METHODS, refuse_overwriting, tune_recipe
+    from navlearn.experiment.tuning import refuse_overwriting, tune_recipe
+    from navlearn.experiment.tuning_ways import METHODS
     from navlearn.learning.noise_options import TuningOptions
 
     if method not in METHODS:
@@ -115,13 +116,12 @@ def _stretches(
     path: Path, seeds: str, logs: tuple[Path, ...], grade: str | None, holdout: float
 ) -> "tuple[Recipe, list[Stretch]]":
     """Return the recipe to tune for, and what it is tuned on."""
-    from navlearn.experiment.tuning_drives import (
+    from navlearn.experiment.tuning_drives import own_stretch, whole_stretches
+    from navlearn.experiment.tuning_recipes import (
         other_draws,
         other_logs,
-        own_stretch,
         recipe_of_grade,
         refuse_full_imu,
-        whole_stretches,
     )
     from navlearn.recipe import load_recipe
     from navlearn.recipe.sweep import is_sweep, load_sweep

@@ -10,12 +10,8 @@ import torch
 from navlearn.errors import ConfigError
 from navlearn.experiment.drive import open_log
 from navlearn.experiment.held_out_gain import held_out_gain
-from navlearn.experiment.tuning_drives import (
-    laid_out,
-    other_draws,
-    own_stretch,
-    whole_stretches,
-)
+from navlearn.experiment.tuning_drives import laid_out, own_stretch, whole_stretches
+from navlearn.experiment.tuning_recipes import other_draws
 from navlearn.learning.held_out import HeldOutScores
 from navlearn.recipe import Recipe
 from navlearn.recipe.log_section import LogSource, SimulatedSection
