@@ -5,7 +5,8 @@ from torch import Tensor
 
 from navlearn.fusion.blocks import Blocks, gathered
 from navlearn.fusion.filter_model import FilterModel
-from navlearn.fusion.motion_check import Carriage, astray
+from navlearn.fusion.motion_check import astray
+from navlearn.fusion.seen_fixes import Carriage
 from navlearn.states import FixTiming, GnssFix, RissSample
 
 

@@ -15,11 +15,12 @@ from navlearn.fusion.filter_model import (
 )
 from navlearn.fusion.gated_pass import Behind, Linearised, filtered_behind_gate
 from navlearn.fusion.gating import Judged
+from navlearn.fusion.measured import Measured
 from navlearn.fusion.noise import EkfNoise
 from navlearn.fusion.opening import opened
 from navlearn.fusion.record import Ended
 from navlearn.fusion.timeline import Timeline
-from navlearn.fusion.updates import Measured, measured
+from navlearn.fusion.updates import measured
 
 
 class Pass(NamedTuple):

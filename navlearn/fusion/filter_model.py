@@ -18,13 +18,13 @@ from navlearn.fusion.error_state import (
 )
 from navlearn.fusion.gate_options import GateOptions
 from navlearn.fusion.ground_velocity import BlockEnd, odometry
+from navlearn.fusion.measured import MeasurementModel
 from navlearn.fusion.measurements import Rows, measurement_rows
 from navlearn.fusion.noise import EkfNoise
 from navlearn.fusion.options import EkfOptions
 from navlearn.fusion.sensor_errors import SensorErrors, advanced, sensor_errors
 from navlearn.fusion.shen_transition import move_offset, shen_transition
 from navlearn.fusion.transition import Linearised, bias_scale_transition
-from navlearn.fusion.updates import MeasurementModel
 from navlearn.states import NavState, RissSample
 
 

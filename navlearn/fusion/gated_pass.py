@@ -18,9 +18,9 @@ from navlearn.filters.whitening import whitened
 from navlearn.fusion.gating import Gated, Judged, nis_by_kind, taken
 from navlearn.fusion.gating_over_time import judged_over_time
 from navlearn.fusion.integrity import position_faults
+from navlearn.fusion.measured import Measured
 from navlearn.fusion.measurements import Verdict
 from navlearn.fusion.robust import weights
-from navlearn.fusion.updates import Measured
 
 NEARLY = 1e-6
 """By how much weights may differ that reproduce themselves."""

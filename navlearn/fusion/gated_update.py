@@ -9,8 +9,8 @@ from torch import Tensor
 from navlearn.filters.ekf import Corrected, corrected, gain_of_projected, projected
 from navlearn.fusion.gating import Gated, Judged, judged, nis_by_kind, taken
 from navlearn.fusion.integrity import position_faults
+from navlearn.fusion.measured import Measured
 from navlearn.fusion.measurements import Verdict
-from navlearn.fusion.updates import Measured
 
 
 class Believed(NamedTuple):

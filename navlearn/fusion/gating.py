@@ -13,9 +13,9 @@ from torch import Tensor
 
 from navlearn.fusion.gate_options import GateOptions
 from navlearn.fusion.integrity import with_reason
+from navlearn.fusion.measured import Measured
 from navlearn.fusion.measurements import Rows, Verdict, believed
 from navlearn.fusion.robust import weights, with_less_weight
-from navlearn.fusion.updates import Measured
 
 
 class Gated(Protocol):

@@ -22,11 +22,12 @@ from navlearn.fusion.fast_pass import Pass, beliefs_of, linearised_pass
 from navlearn.fusion.filter_model import FilterModel
 from navlearn.fusion.gating import Judged
 from navlearn.fusion.history import FilterHistory
+from navlearn.fusion.measured import Measured
 from navlearn.fusion.measurements import Rows, believed
 from navlearn.fusion.noise import EkfNoise
 from navlearn.fusion.record import starts_of_blocks
 from navlearn.fusion.timeline import Timeline
-from navlearn.fusion.updates import Measured, measured
+from navlearn.fusion.updates import measured
 
 MOST_PASSES = 30
 """Passes after which frozen verdicts are taken to have no solution."""

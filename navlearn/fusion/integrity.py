@@ -10,8 +10,8 @@ import torch
 from torch import Tensor
 
 from navlearn.fusion.gate_options import GateOptions
+from navlearn.fusion.measured import Measured
 from navlearn.fusion.measurements import Kind, Rows, Verdict
-from navlearn.fusion.updates import Measured
 
 
 def position_faults(gate: GateOptions, rows: Rows, found: Measured) -> Tensor | None:

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from navlearn.frames import enu_between
-from navlearn.fusion.motion_check import OLDEST, SHORTEST, SILENCE, TIMES, Carriage
+from navlearn.fusion.seen_fixes import OLDEST, SHORTEST, SILENCE, TIMES, Carriage
 from navlearn.states import GnssFix
 
 

@@ -17,7 +17,7 @@ from navlearn.fusion.gate_options import GateOptions
 from navlearn.fusion.ins.model import ins_filter_model
 from navlearn.fusion.ins.options import InsEkfOptions
 from navlearn.fusion.ins.timeline import arm_from_axle, ins_carriage
-from navlearn.fusion.motion_check import MEMORY, SILENCE, Carriage
+from navlearn.fusion.motion_check import MEMORY
 from navlearn.fusion.motion_track import (
     Reckoned,
     SeenFix,
@@ -31,6 +31,7 @@ from navlearn.fusion.motion_track import (
     without_last,
 )
 from navlearn.fusion.options import EkfOptions
+from navlearn.fusion.seen_fixes import SILENCE, Carriage
 from navlearn.states import GnssFix, ImuSample, RissSample
 
 

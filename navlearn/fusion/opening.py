@@ -4,8 +4,8 @@ import torch
 from torch import Tensor
 
 from navlearn.fusion.filter_model import FilterModel
+from navlearn.fusion.measured import Measured
 from navlearn.fusion.measurements import Kind, Verdict
-from navlearn.fusion.updates import Measured
 
 
 def opened(model: FilterModel, verdict: Tensor, measured: Measured, innovation: Tensor) -> Tensor:

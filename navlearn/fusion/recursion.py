@@ -17,11 +17,12 @@ from navlearn.filters.ekf import propagated
 from navlearn.fusion.filter_model import FilterModel, fed_back, predict_blocks
 from navlearn.fusion.gated_update import gated_update
 from navlearn.fusion.history import FilterHistory
+from navlearn.fusion.measured import Occasion
 from navlearn.fusion.noise import EkfNoise
 from navlearn.fusion.opening import opened
 from navlearn.fusion.record import Ended, history, path_in_blocks
 from navlearn.fusion.timeline import Timeline
-from navlearn.fusion.updates import Occasion, measured
+from navlearn.fusion.updates import measured
 from navlearn.states import RissSample, Trajectory
 
 T = TypeVar("T")

@@ -10,9 +10,9 @@ from navlearn.fusion.astray_fixes import astray_at_ends, astray_fixes
 from navlearn.fusion.blocks import Blocks, cut, gathered, samples_in_blocks
 from navlearn.fusion.filter_model import FilterModel
 from navlearn.fusion.ground_velocity import BlockEnd
+from navlearn.fusion.measured import Occasion
 from navlearn.fusion.sensor_errors import odometer_acceleration
 from navlearn.fusion.standstill import Rest, rest_at_end
-from navlearn.fusion.updates import Occasion
 from navlearn.states import FixTiming, GnssFix, NavState, RissSample, Trajectory
 
 HARDEST = 15.0

@@ -7,9 +7,10 @@ import torch
 
 from navlearn.frames import shift_geodetic
 from navlearn.fusion.gate_options import GateOptions
-from navlearn.fusion.motion_check import Carriage, astray
+from navlearn.fusion.motion_check import astray
 from navlearn.fusion.motion_watch import MotionWatch
 from navlearn.fusion.options import EkfOptions
+from navlearn.fusion.seen_fixes import Carriage
 from navlearn.mechanization.options import RissOptions
 from navlearn.states import FixTiming, GnssFix, RissSample
 

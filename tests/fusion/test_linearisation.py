@@ -11,11 +11,12 @@ from navlearn.fusion.blocks import cut
 from navlearn.fusion.error_state import initial_belief, position_difference
 from navlearn.fusion.filter_model import difference, fed_back, filter_model, predict_blocks
 from navlearn.fusion.ground_velocity import BlockEnd
+from navlearn.fusion.measured import Occasion
 from navlearn.fusion.noise import log_noise, noise_from_log
 from navlearn.fusion.noise_options import NoiseOptions
 from navlearn.fusion.options import EkfOptions
 from navlearn.fusion.standstill import Rest, rest_at_end
-from navlearn.fusion.updates import Occasion, measured
+from navlearn.fusion.updates import measured
 from navlearn.mechanization.options import RissOptions
 from navlearn.mechanization.riss_parallel import riss_over_time
 from navlearn.states import GnssFix, NavState, RissSample

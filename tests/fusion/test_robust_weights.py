@@ -10,9 +10,9 @@ from scipy.stats import chi2, norm
 
 from navlearn.fusion.gate_options import GateOptions
 from navlearn.fusion.gated_update import gated_update
+from navlearn.fusion.measured import Measured
 from navlearn.fusion.measurements import Kind, Rows, Verdict
 from navlearn.fusion.robust import LESS, weights
-from navlearn.fusion.updates import Measured
 
 ROWS = Rows((Kind.POSITION, Kind.COURSE), (0, 3), (3, 1))
 HUBER, STUDENT = (GateOptions(robust=one, probability=1.0) for one in ("huber", "student"))

@@ -12,12 +12,11 @@ from navlearn.fusion.checks import (
     check_channels,
     check_covariance,
     check_shapes,
-    warn_of_noise,
-    warn_of_refusals,
 )
 from navlearn.fusion.ins.history import InsHistory
 from navlearn.fusion.ins.measurements import InsKind
 from navlearn.fusion.ins.model import InsFilterModel
+from navlearn.fusion.run_warnings import warn_of_noise, warn_of_refusals
 from navlearn.states import FixTiming, GnssFix, ImuSample
 
 FASTEST_TURN = 6.0

@@ -29,8 +29,8 @@ from navlearn.fusion.ins.path import ins_path_in_blocks
 from navlearn.fusion.ins.recursion import InsEnded, ins_history, ins_opened
 from navlearn.fusion.ins.timeline import InsTimeline
 from navlearn.fusion.ins.updates import ins_measured
+from navlearn.fusion.measured import Measured
 from navlearn.fusion.record import starts_of_blocks
-from navlearn.fusion.updates import Measured
 
 TOLERANCE = 5e-3
 """Largest move of a block's start in the last pass, m; the next would move a 50th of it."""

@@ -23,9 +23,9 @@ from navlearn.fusion.ins.noise import InsNoise
 from navlearn.fusion.ins.path import ins_path_in_blocks
 from navlearn.fusion.ins.timeline import InsOccasion, InsTimeline, ins_trajectory
 from navlearn.fusion.ins.updates import ins_measured
+from navlearn.fusion.measured import Measured
 from navlearn.fusion.measurements import Verdict
 from navlearn.fusion.recursion import stacked, unstacked
-from navlearn.fusion.updates import Measured
 from navlearn.states import ImuSample, InsState
 
 TILT: Final = 0.05

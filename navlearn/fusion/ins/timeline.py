@@ -9,7 +9,8 @@ from torch import Tensor
 from navlearn.fusion.astray_fixes import astray_at_ends
 from navlearn.fusion.blocks import Blocks, cut, gathered, samples_in_blocks
 from navlearn.fusion.ins.model import InsFilterModel
-from navlearn.fusion.motion_check import Carriage, astray
+from navlearn.fusion.motion_check import astray
+from navlearn.fusion.seen_fixes import Carriage
 from navlearn.fusion.standstill import stationary_tail
 from navlearn.fusion.timeline import at_ends, at_least_one_fix, fixes_at_ends
 from navlearn.mechanization.coning import coning_sculling, coning_sculling_step

@@ -22,7 +22,7 @@ from navlearn.fusion.ins.moment import Moment, columns, moment_of, skew_of
 from navlearn.fusion.ins.noise import InsNoise
 from navlearn.fusion.ins.timeline import InsOccasion, InsRest
 from navlearn.fusion.ins.wheels import axle_velocity
-from navlearn.fusion.updates import Measured
+from navlearn.fusion.measured import Measured
 from navlearn.states import GnssFix
 
 

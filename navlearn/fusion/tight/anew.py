@@ -5,9 +5,9 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from navlearn.fusion.measured import Measured
 from navlearn.fusion.tight.clock import BIAS, DRIFT
 from navlearn.fusion.tight.model import TightModel
-from navlearn.fusion.updates import Measured
 
 FARTHEST = 3e4
 """Largest deviation with which a position begins anew, m: farther off ranges are not linear."""

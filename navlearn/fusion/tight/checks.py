@@ -10,15 +10,13 @@ from navlearn.errors import ShapeError
 from navlearn.filters.tight_belief import TightBelief
 from navlearn.fusion.bounds import check_bounds
 from navlearn.fusion.checks import (
-    WARN_AT_LEAST,
-    WARN_REFUSED,
     check_beliefs,
     check_channels,
     check_covariance,
     check_shapes,
-    warn_of_refusals,
 )
 from navlearn.fusion.measurements import Verdict, refused
+from navlearn.fusion.run_warnings import WARN_AT_LEAST, WARN_REFUSED, warn_of_refusals
 from navlearn.fusion.tight.bounds import check_ranges
 from navlearn.fusion.tight.history import TightHistory
 from navlearn.fusion.tight.model import TightModel

@@ -17,6 +17,7 @@ from navlearn.fusion.gated_pass import same_said
 from navlearn.fusion.gating import Judged, nis_by_kind
 from navlearn.fusion.gating_over_time import judged_over_time
 from navlearn.fusion.integrity import position_faults
+from navlearn.fusion.measured import Measured
 from navlearn.fusion.measurements import Verdict, believed
 from navlearn.fusion.tight.integrity import (
     Hypothesis,
@@ -30,7 +31,6 @@ from navlearn.fusion.tight.integrity import (
 from navlearn.fusion.tight.model import TightModel
 from navlearn.fusion.tight.packing import Places
 from navlearn.fusion.tight.update import vouching
-from navlearn.fusion.updates import Measured
 
 ROUNDS = 8
 """How often at most the rules that remember refusals are asked again."""

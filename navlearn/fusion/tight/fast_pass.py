@@ -15,6 +15,7 @@ from navlearn.filters.information_scan import InformationSteps, filter_informati
 from navlearn.filters.tight_belief import TightBelief, map_tree
 from navlearn.fusion.gated_pass import UNROLLED, everything_believed
 from navlearn.fusion.gating import Judged
+from navlearn.fusion.measured import Measured
 from navlearn.fusion.measurements import Verdict
 from navlearn.fusion.robust import weights
 from navlearn.fusion.tight.fast_gate import (
@@ -30,7 +31,6 @@ from navlearn.fusion.tight.prediction import TightAhead
 from navlearn.fusion.tight.ranges import with_surprise
 from navlearn.fusion.tight.update import stacked_rows, with_covariance
 from navlearn.fusion.tight.vehicle import Antenna
-from navlearn.fusion.updates import Measured
 
 NEARLY = 1e-2
 """By how much clocks may be set differently in the last pass, m or m/s: they are then as good as

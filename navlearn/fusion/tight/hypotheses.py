@@ -5,10 +5,10 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from navlearn.fusion.measured import Measured
 from navlearn.fusion.tight.agreement import agreement
 from navlearn.fusion.tight.anew import Anew, told_by_clock
 from navlearn.fusion.tight.model import TightModel
-from navlearn.fusion.updates import Measured
 
 
 class Scene(NamedTuple):

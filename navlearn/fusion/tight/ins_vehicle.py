@@ -25,11 +25,11 @@ from navlearn.fusion.ins.timeline import (
     ins_trajectory,
 )
 from navlearn.fusion.ins.updates import ins_measured
+from navlearn.fusion.measured import Measured
 from navlearn.fusion.tight.gated_vehicle import GatedVehicle, closed_only
 from navlearn.fusion.tight.passes import InsPasses
 from navlearn.fusion.tight.trees import block_at, for_points
 from navlearn.fusion.tight.vehicle import Antenna, VehicleAhead, VehicleLine, no_fixes
-from navlearn.fusion.updates import Measured
 from navlearn.states import FixTiming, GnssFix, ImuSample, InsState
 
 

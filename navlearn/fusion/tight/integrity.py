@@ -31,6 +31,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from navlearn.fusion.measured import Measured
 from navlearn.fusion.measurements import Verdict
 from navlearn.fusion.tight.anew import Anew, Flags, begun_anew, clock_set, common, told_by_clock
 from navlearn.fusion.tight.clock import BIAS, DRIFT
@@ -40,7 +41,6 @@ from navlearn.fusion.tight.hypotheses import chosen, more_agree, most_refused, w
 from navlearn.fusion.tight.hypotheses import groups as groups
 from navlearn.fusion.tight.hypotheses import many_refused as many_refused
 from navlearn.fusion.tight.model import TightModel
-from navlearn.fusion.updates import Measured
 
 
 class RangesJudged(NamedTuple):

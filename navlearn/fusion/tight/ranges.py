@@ -15,12 +15,12 @@ from torch import Tensor
 
 from navlearn import earth, wgs84
 from navlearn.frames import enu_from_ecef_matrix
+from navlearn.fusion.measured import Measured
 from navlearn.fusion.tight.clock import BIAS, DRIFT
 from navlearn.fusion.tight.model import SURPRISES
 from navlearn.fusion.tight.noise import TightNoise
 from navlearn.fusion.tight.timeline import Reception
 from navlearn.fusion.tight.vehicle import Antenna
-from navlearn.fusion.updates import Measured
 from navlearn.gnss.range_noise import range_variance, rate_variance
 from navlearn.gnss.sight import Sight, sight
 from navlearn.gnss.signals import SPEED_OF_LIGHT

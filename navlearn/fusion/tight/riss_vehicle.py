@@ -18,6 +18,7 @@ from navlearn.fusion.filter_model import (
     velocity_by_turn,
 )
 from navlearn.fusion.ground_velocity import BlockEnd
+from navlearn.fusion.measured import Measured, Occasion
 from navlearn.fusion.measurements import Kind
 from navlearn.fusion.noise import EkfNoise, height_density, log_noise, noise_from_log
 from navlearn.fusion.opening import opened
@@ -29,7 +30,7 @@ from navlearn.fusion.tight.passes import RissPasses
 from navlearn.fusion.tight.trees import block_at, for_points
 from navlearn.fusion.tight.vehicle import Antenna, VehicleAhead, VehicleLine, no_fixes
 from navlearn.fusion.timeline import Timeline, timeline, trajectory_of_blocks
-from navlearn.fusion.updates import Measured, Occasion, car_at_end, measured
+from navlearn.fusion.updates import car_at_end, measured
 from navlearn.states import FixTiming, GnssFix, RissSample, Trajectory
 
 

@@ -6,11 +6,11 @@ from typing import Any, NamedTuple
 from torch import Tensor
 
 from navlearn.filters.tight_belief import TightBelief
+from navlearn.fusion.measured import Measured
 from navlearn.fusion.tight.model import TightModel
 from navlearn.fusion.tight.noise import TightNoise
 from navlearn.fusion.tight.ranges import measured_ranges, with_surprise
 from navlearn.fusion.tight.timeline import Reception
-from navlearn.fusion.updates import Measured
 
 
 class Seen(NamedTuple):

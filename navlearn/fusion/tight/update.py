@@ -9,6 +9,7 @@ from navlearn.filters.ekf import projected, update
 from navlearn.filters.tight_belief import TightBelief
 from navlearn.fusion.gating import Judged, judged, nis_by_kind, taken
 from navlearn.fusion.integrity import position_faults
+from navlearn.fusion.measured import Measured
 from navlearn.fusion.measurements import Verdict, believed
 from navlearn.fusion.tight.anew import told_by_clock
 from navlearn.fusion.tight.integrity import RangesJudged, judged_ranges
@@ -18,7 +19,6 @@ from navlearn.fusion.tight.packing import Places
 from navlearn.fusion.tight.ranges import variance_in_series
 from navlearn.fusion.tight.seen import See, seen_linearly
 from navlearn.fusion.tight.timeline import Reception
-from navlearn.fusion.updates import Measured
 
 
 class TightEnded(NamedTuple):

@@ -15,11 +15,11 @@ from navlearn.filters.ins_belief import InsBelief
 from navlearn.filters.unscented import UnscentedOptions
 from navlearn.fusion.blocks import Blocks
 from navlearn.fusion.gate_options import GateOptions
+from navlearn.fusion.measured import Measured
 from navlearn.fusion.measurements import Rows
 from navlearn.fusion.recursion import unstacked
 from navlearn.fusion.tight.passes import VehicleAhead as VehicleAhead
 from navlearn.fusion.tight.passes import VehiclePasses
-from navlearn.fusion.updates import Measured
 from navlearn.states import FixTiming, GnssFix, InsState, Trajectory
 
 AnyBelief = TypeVar("AnyBelief", Belief, InsBelief)

@@ -17,11 +17,11 @@ from navlearn.filters.tight_belief import map_tree
 from navlearn.filters.unscented import SigmaWeights, image_moments, sigma_points
 from navlearn.fusion.gated_pass import Behind, Linearised, filtered_behind_gate
 from navlearn.fusion.gating import Judged
+from navlearn.fusion.measured import Measured
 from navlearn.fusion.record import Ended
 from navlearn.fusion.tight.vehicle import Vehicle, VehicleAhead
 from navlearn.fusion.unscented.prediction import PointsAhead, RootedBelief
 from navlearn.fusion.unscented.update import measured_by_points
-from navlearn.fusion.updates import Measured
 
 Carry = Callable[[Any, Tensor, Any], tuple[VehicleAhead, Tensor]]
 """Carries beliefs at the starts of blocks, batch shape (B, K), and points about them, shape (B, K,

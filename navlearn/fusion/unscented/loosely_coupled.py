@@ -14,6 +14,7 @@ from navlearn.filters.unscented import UnscentedOptions, sigma_weights
 from navlearn.fusion.drives import Method, filtered_drives
 from navlearn.fusion.ground_velocity import BlockEnd
 from navlearn.fusion.history import FilterHistory
+from navlearn.fusion.measured import Occasion
 from navlearn.fusion.options import EkfOptions
 from navlearn.fusion.record import history, path_in_blocks
 from navlearn.fusion.smoothed_blocks import SmoothedPass
@@ -25,7 +26,6 @@ from navlearn.fusion.unscented.fast import run_unscented_fast
 from navlearn.fusion.unscented.prediction import predicted_in_turn, rooted
 from navlearn.fusion.unscented.recursion import end_block, run_unscented_loop
 from navlearn.fusion.unscented.smoothing import smoothed_by_points
-from navlearn.fusion.updates import Occasion
 from navlearn.states import FixTiming, GnssFix, RissSample
 
 

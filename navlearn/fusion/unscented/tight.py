@@ -22,6 +22,7 @@ from navlearn.filters.unscented import (
     sigma_points,
     sigma_weights,
 )
+from navlearn.fusion.measured import Measured
 from navlearn.fusion.tight.model import TightModel
 from navlearn.fusion.tight.noise import TightNoise
 from navlearn.fusion.tight.prediction import TightAhead, beside_clock
@@ -33,7 +34,6 @@ from navlearn.fusion.tight.trees import for_points
 from navlearn.fusion.tight.vehicle import Antenna
 from navlearn.fusion.unscented.prediction import ahead_by_points, rooted
 from navlearn.fusion.unscented.update import images_of, measured_at_points, of_first
-from navlearn.fusion.updates import Measured
 
 
 def unscented_steps(model: TightModel, options: UnscentedOptions) -> TightSteps:

@@ -17,10 +17,10 @@ from navlearn.filters.tight_belief import map_tree
 from navlearn.filters.unscented import SigmaWeights, image_moments, sigma_points
 from navlearn.fusion.gated_update import believed
 from navlearn.fusion.gating import Judged
+from navlearn.fusion.measured import Measured
 from navlearn.fusion.tight.trees import for_points
 from navlearn.fusion.tight.vehicle import Vehicle
 from navlearn.fusion.unscented.prediction import RootedBelief, squared
-from navlearn.fusion.updates import Measured
 
 
 class Updated(NamedTuple):

@@ -12,11 +12,11 @@ from navlearn.filters.belief import Belief
 from navlearn.frames import ecef_from_geodetic, enu_between, enu_from_ecef_matrix, shift_geodetic
 from navlearn.fusion.blocks import cut, gathered
 from navlearn.fusion.gate_options import GateOptions
+from navlearn.fusion.measured import Measured
 from navlearn.fusion.measurements import Kind, Rows
 from navlearn.fusion.tight.module import TightEkf
 from navlearn.fusion.tight.options import ClockOptions, RangeGateOptions, TightEkfOptions
 from navlearn.fusion.tight.vehicle import Antenna, VehicleAhead, VehicleLine
-from navlearn.fusion.updates import Measured
 from navlearn.gnss.range_noise import RangeNoiseOptions
 from navlearn.states import FixTiming, GnssFix, NavState, RissSample, SatelliteRanges, Trajectory
 

@@ -10,10 +10,10 @@ from torch import Tensor
 from navlearn.filters.belief import Belief
 from navlearn.filters.unscented import UnscentedOptions, sigma_weights
 from navlearn.fusion.gate_options import GateOptions
+from navlearn.fusion.measured import Measured
 from navlearn.fusion.measurements import Kind, Rows
 from navlearn.fusion.tight.vehicle import VehicleAhead
 from navlearn.fusion.unscented.recursion import run_unscented_loop
-from navlearn.fusion.updates import Measured
 from navlearn.states import NavState
 
 N, R, SAMPLES, STEPS = 6, 4, 3, 40
