@@ -24,20 +24,16 @@ from tqdm import tqdm
 
 from navlearn.errors import ConfigError, FitError
 from navlearn.experiment.run import check_recipe
-from navlearn.experiment.sweep_jobs import (
-    Failure,
-    SweepJob,
-    failure,
-    read_rows,
-    rows_file,
-    run_job,
-)
-from navlearn.experiment.sweep_sources import Sources, sources_of
+from navlearn.experiment.sweep_drives import gyro_class
+from navlearn.experiment.sweep_jobs import Failure, SweepJob, failure, read_rows, run_job
+from navlearn.experiment.sweep_parts import Part, jobs_of, parts_of, refusals_of
+from navlearn.experiment.sweep_sources import sources_of
 from navlearn.experiment.sweep_summary import sweep_summary
 from navlearn.outages.output import prepare_output_folder
+from navlearn.outages.refused_drive import read_refusals
+from navlearn.outages.sweep_refusals import write_sweep_refusals
 from navlearn.outages.sweep_report import sweep_content, table_of, write_sweep_report
 from navlearn.recipe.sweep import SweepRecipe
-from navlearn.recipe.swept_drives import Conditions
 
 TIME = "time.json"
 FAILURES = "failures.json"
@@ -58,16 +54,6 @@ class SweepResult:
     table: pd.DataFrame
     meaning: tuple[str, ...]
     failures: tuple[Failure, ...]
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Part:
-    """One drive under one kind of outages, and the file with its rows."""
-
-    grade: str
-    seed: int
-    kind: Conditions
-    file: Path
 
 
 def run_sweep(
@@ -104,7 +90,7 @@ def run_sweep(
     output = prepare_output_folder(Path(out), force)
     text = yaml.safe_dump(recipe.resolved(), sort_keys=False, allow_unicode=True)
     output.claim("recipe.yaml").write_text(text, encoding="utf-8")
-    parts = _parts(recipe, output.claim("rows/"), sources)
+    parts = parts_of(recipe, output, sources)
     with _clock(output.claim(TIME)) as spent:
         failures = _run_all(recipe, parts, processes, progress)
     _write_failures(output.claim(FAILURES), failures)
@@ -114,6 +100,11 @@ def run_sweep(
             f"{recipe.name}: no drive could be run; the first said: {failures[0].reason}"
         )
     table = pd.concat(rows, ignore_index=True)
+    refused = [
+        (gyro_class(grade), read_refusals(file))
+        for grade, file in refusals_of(parts)
+        if file.exists()
+    ]
     summary = sweep_summary(recipe, table, failures, left_out)
     command = f"navlearn run {shlex.quote(str(output.path / 'recipe.yaml'))} --out NEW_FOLDER"
     summary = write_sweep_report(
@@ -124,6 +115,7 @@ def run_sweep(
             versions=recipe.resolved()["versions"],
             wall_clock=spent(),
             processes=processes,
+            chapters=(write_sweep_refusals(output, refused),) if refused else (),
         ),
     )
     if not failures:
@@ -137,37 +129,14 @@ def run_sweep(
     )
 
 
-def _parts(recipe: SweepRecipe, folder: Path, sources: Sources) -> list[_Part]:
-    return [
-        _Part(
-            grade=grade,
-            seed=seed,
-            kind=kind,
-            file=folder / rows_file(recipe, grade, seed, kind, sources[seed, kind.duration]),
-        )
-        for grade in recipe.sweep.grades
-        for kind in recipe.conditions
-        for seed in recipe.sweep.seeds
-        if (seed, kind.duration) in sources
-    ]
-
-
 def _run_all(
-    recipe: SweepRecipe, parts: Sequence[_Part], processes: int, progress: bool
+    recipe: SweepRecipe, parts: Sequence[Part], processes: int, progress: bool
 ) -> list[Failure]:
-    missing = [part for part in parts if not part.file.exists()]
-    # Seed by seed over the classes: an interrupted sweep has some of every class.
-    drives = sorted({(part.seed, recipe.sweep.grades.index(part.grade)) for part in missing})
-    jobs = []
-    for seed, k in drives:
-        grade = recipe.sweep.grades[k]
-        mine = [part for part in missing if (part.grade, part.seed) == (grade, seed)]
-        files = {part.kind: part.file for part in mine}
-        jobs.append(SweepJob(recipe=recipe, grade=grade, seed=seed, files=files))
-    each, failures = recipe.outages.count, list[Failure]()
+    missing = sum(not part.file.exists() for part in parts)
+    jobs, each, failures = jobs_of(recipe, parts), recipe.outages.count, list[Failure]()
     with tqdm(
         total=len(parts) * each,
-        initial=(len(parts) - len(missing)) * each,
+        initial=(len(parts) - missing) * each,
         disable=not progress,
         unit="outage",
         smoothing=0.0,
@@ -200,11 +169,7 @@ def _run_in_processes(
                 failed = future.result()
             except BrokenProcessPool:
                 reason = "its process, or one beside it, was ended from outside; run it again"
-                failed = [
-                    failure(job, kind, reason)
-                    for kind, file in job.files.items()
-                    if not file.exists()
-                ]
+                failed = [failure(job, kind, reason) for kind in job.missing]
             done(job, failed)
     except BaseException:
         # Finished drives are on disk; what is under way would only keep the caller waiting.

@@ -1,7 +1,7 @@
 """One drive of a sweep: made in memory, its outages replayed, its rows written whole or not at all.
 
-Rows are all that is kept: full solutions of some thousand outages would fill gigabytes, and a
-drive is made and replayed again within a minute.
+Rows are what is kept, and what filters refused: full solutions of some thousand outages would fill
+gigabytes, and a drive is made and replayed again within a minute.
 """
 
 import hashlib
@@ -17,9 +17,10 @@ import torch
 
 import navlearn
 from navlearn.experiment.baselines import FilterRuns
-from navlearn.experiment.drive import prepare_log
+from navlearn.experiment.drive import Drive, prepare_log
 from navlearn.experiment.methods import build_methods
 from navlearn.experiment.oracles import truth_for
+from navlearn.experiment.refusals import filters_of, refusals
 from navlearn.experiment.run import digest_of
 from navlearn.experiment.sweep_drives import gyro_class, make_drive
 from navlearn.experiment.timed_method import TimedMethod, timed
@@ -27,8 +28,10 @@ from navlearn.experiment.tuned_elsewhere import check_tuned
 from navlearn.logs.drive_log import DriveLog
 from navlearn.logs.formats.csv_tables import read_frame
 from navlearn.logs.sensor_truth import SensorTruth
+from navlearn.outages.refused_drive import DriveRefusals, drive_refusals, save_refusals
 from navlearn.outages.replay import replay
 from navlearn.outages.tables import write_outages_csv
+from navlearn.recipe import Recipe
 from navlearn.recipe.sweep import SweepRecipe
 from navlearn.recipe.swept_drives import Conditions
 
@@ -46,12 +49,23 @@ class SweepJob:
         seed: Its seed.
         files: Where the rows of each length of outages and number of satellites go; those that
             are there already are left out.
+        refused: Where what its filters refused goes, and the outages for which its clocks are set
+            then; None where that is there already, or where no method is a filter.
     """
 
     recipe: SweepRecipe
     grade: str
     seed: int
     files: Mapping[Conditions, Path]
+    refused: tuple[Conditions, Path] | None = None
+
+    @property
+    def missing(self) -> list[Conditions]:
+        """Outages whose rows are not there, or those that stand for what was refused."""
+        rows = [kind for kind, file in self.files.items() if not file.exists()]
+        if rows or self.refused is None or self.refused[1].exists():
+            return rows
+        return [self.refused[0]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,7 +140,7 @@ def run_job(job: SweepJob) -> list[Failure]:
         try:
             log, truth = make_drive(job.recipe, job.grade, job.seed)
         except Exception as problem:
-            return [failure(job, kind, problem) for kind in job.files]
+            return [failure(job, kind, problem) for kind in job.missing]
         methods: dict[str, TimedMethod] = {}
         length = None
         for kind, file in job.files.items():
@@ -136,7 +150,29 @@ def run_job(job: SweepJob) -> list[Failure]:
                 write_rows(file, outage_rows(job, log, truth, kind, methods))
             except Exception as problem:
                 failures.append(failure(job, kind, problem))
+        if job.refused is not None:
+            kind, file = job.refused
+            try:
+                save_refusals(file, _refused_on(job, log, kind))
+            except Exception as problem:
+                # what keeps the rows from being made was told with them
+                failures = failures or [failure(job, kind, problem)]
     return failures
+
+
+def _refused_on(job: SweepJob, log: DriveLog, kind: Conditions) -> DriveRefusals:
+    """Return what the filters of a sweep refused over a whole drive, as a single run tells it."""
+    recipe, ready = _ready(job, log, kind)
+    # not by the runs of the outages: those depend on which outages were left to be run
+    return drive_refusals(refusals(filters_of(recipe), ready.log), ready.log)
+
+
+def _ready(job: SweepJob, log: DriveLog, kind: Conditions) -> tuple[Recipe, Drive]:
+    recipe = job.recipe.for_drive(log.metadata.name, kind.duration, job.grade, kind.satellites)
+    torch.manual_seed(recipe.seed)
+    ready = prepare_log(log, recipe)
+    check_tuned(recipe, ready.log, ready.placement.outages)
+    return recipe, ready
 
 
 def outage_rows(
@@ -156,10 +192,7 @@ def outage_rows(
         methods: Methods of the drive at the same length, so that what they worked out before an
             outage need not be worked out again; an empty one is filled.
     """
-    recipe = job.recipe.for_drive(log.metadata.name, kind.duration, job.grade, kind.satellites)
-    torch.manual_seed(recipe.seed)
-    ready = prepare_log(log, recipe)
-    check_tuned(recipe, ready.log, ready.placement.outages)
+    recipe, ready = _ready(job, log, kind)
     methods = {} if methods is None else methods
     if not methods:
         knows, runs = truth_for(recipe, ready.log, truth), FilterRuns(recipe, growing=True)

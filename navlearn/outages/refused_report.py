@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -17,6 +17,11 @@ from navlearn.outages.refused_fixes import Judgements, refused_table, verdict_co
 from navlearn.outages.refused_plots import plot_refused_map, plot_refused_over_time
 from navlearn.outages.refused_ranges import RangeJudgements, range_counts, refused_ranges_table
 from navlearn.outages.run_summary import Chapter
+
+FIXES: Final = "refused_fixes.csv"
+COUNTS: Final = "refused_counts.csv"
+RANGES: Final = "refused_ranges.csv"
+FAULTS: Final = "faults.csv"
 
 MOST_SHOWN: Final = 10
 """So many refused fixes of each method are shown in the report; the file has all."""
@@ -70,21 +75,10 @@ def write_refusals(
         OutputExistsError: A file of that name exists which no run wrote.
     """
     whole = {name: one for name, one in found.items() if isinstance(one, Refusals)}
-    tables = {name: refused_table(one.fixes, log) for name, one in whole.items()}
-    counts = {name: _counts(one) for name, one in whole.items()}
-    drive = log.metadata.name
-    _joined(tables, drive).to_csv(output.claim("refused_fixes.csv"), index=False)
-    _joined(counts, drive).to_csv(output.claim("refused_counts.csv"), index=False)
-    ranges = {
-        name: refused_ranges_table(one.ranges)
-        for name, one in whole.items()
-        if one.ranges is not None
-    }
-    if ranges:
-        _joined(ranges, drive).to_csv(output.claim("refused_ranges.csv"), index=False)
-    faults = injected_faults(log)
-    if faults is not None:
-        faults.to_csv(output.claim("faults.csv"), index=False)
+    tables, counts, files = refused_tables(whole, log)
+    for name, file in files.items():
+        file.to_csv(output.claim(name), index=False)
+    drive, faults = log.metadata.name, files.get(FAULTS)
     figures: dict[str, str] = {}
     if tables and plots_possible():
         plot_refused_over_time(output.claim("refused_over_time.png"), tables, faults)
@@ -96,7 +90,7 @@ def write_refusals(
             "the car was.",
         }
     lost = {name: one for name, one in found.items() if isinstance(one, str)}
-    section = refused_section(tables, counts, lost, ranges=bool(ranges))
+    section = refused_section(tables, counts, lost, ranges=RANGES in files)
     if faults is not None:
         section += detection_section({n: one.fixes for n, one in whole.items()}, log)
     return Chapter(section=tuple(section), figures=figures)
@@ -192,12 +186,53 @@ def detection_section(judged: Mapping[str, Judgements], log: DriveLog) -> list[s
     ]
 
 
+class RefusedTables(NamedTuple):
+    """What filters refused over a drive, as tables.
+
+    Attributes:
+        fixes: Refused measurements by method.
+        counts: Verdicts by kind and method.
+        files: By name of the file, each with the drive and the method in front; the faults that
+            were put in, too.
+    """
+
+    fixes: dict[str, pd.DataFrame]
+    counts: dict[str, pd.DataFrame]
+    files: dict[str, pd.DataFrame]
+
+
+def refused_tables(whole: Mapping[str, Refusals], log: DriveLog) -> RefusedTables:
+    """Return what filters refused over a drive, as tables.
+
+    Args:
+        whole: What each method made of its measurements.
+        log: The whole drive.
+    """
+    fixes = {name: refused_table(one.fixes, log) for name, one in whole.items()}
+    counts = {name: _counts(one) for name, one in whole.items()}
+    taken = {name: one.ranges for name, one in whole.items() if one.ranges is not None}
+    drive, faults = log.metadata.name, injected_faults(log)
+    files = {FIXES: by_method(fixes, drive), COUNTS: by_method(counts, drive)}
+    if taken:
+        ranges = {name: refused_ranges_table(one) for name, one in taken.items()}
+        files[RANGES] = by_method(ranges, drive)
+    if faults is not None:
+        files[FAULTS] = faults
+    return RefusedTables(fixes, counts, files)
+
+
 def _counts(one: Refusals) -> pd.DataFrame:
     fixes = verdict_counts(one.fixes)
     return fixes if one.ranges is None else pd.concat([fixes, range_counts(one.ranges)])
 
 
-def _joined(tables: Mapping[str, pd.DataFrame], drive: str) -> pd.DataFrame:
+def by_method(tables: Mapping[str, pd.DataFrame], drive: str) -> pd.DataFrame:
+    """Return tables of several methods as one.
+
+    Args:
+        tables: By method.
+        drive: Name of the drive, put in front.
+    """
     parts = []
     for name, table in tables.items():
         part = table.copy()

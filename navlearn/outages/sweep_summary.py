@@ -7,7 +7,7 @@ import pandas as pd
 
 from navlearn.outages.cells import Cell
 from navlearn.outages.published import PublishedTable
-from navlearn.outages.run_summary import MethodSummary
+from navlearn.outages.run_summary import Chapter, MethodSummary
 from navlearn.outages.statistics import HEADLINE
 
 
@@ -60,6 +60,7 @@ class SweepSummary:
         resamples: Bootstrap draws.
         bootstrap_seed: Of the draws.
         figures: Captions of the figures by file name, relative to the report.
+        chapters: What only some sweeps have, before the methods.
     """
 
     title: str
@@ -82,3 +83,4 @@ class SweepSummary:
     resamples: int = 5000
     bootstrap_seed: int = 0
     figures: Mapping[str, str] = field(default_factory=dict)
+    chapters: tuple[Chapter, ...] = ()

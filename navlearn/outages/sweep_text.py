@@ -46,6 +46,7 @@ def sweep_text(
         _how(table),
         *(_cell(summary, table, cell) for cell in summary.cells),
         *(published_section(summary.published) if by_satellites is None else []),
+        *(line for chapter in summary.chapters for line in ("", *chapter.section)),
         "\n## Methods\n",
         *described(summary.methods),
         *safeguard_section(summary.rows, list(summary.methods)),
