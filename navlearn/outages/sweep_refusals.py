@@ -104,6 +104,8 @@ def caught_by_class(caught: pd.DataFrame) -> list[str]:
     Args:
         caught: A row per class, drive, method and kind of fault: ``fixes`` and ``caught``.
     """
+    # a filter that takes raw ranges alone has no position fixes to catch
+    caught = caught[caught["fixes"] > 0] if len(caught) else caught
     if caught.empty:
         return []
     faulty = caught[caught["kind"] != GOOD].assign(kind=FAULTY)
