@@ -1,21 +1,24 @@
-"""The door through which drives come to a RISS filter, and by which histories leave."""
+"""The door through which drives come to a filter, and by which histories leave."""
 
 from collections.abc import Callable
-from typing import Literal
+from typing import Any, Literal, TypeVar
 
 from navlearn.errors import ConfigError, ShapeError
-from navlearn.filters.belief import Belief, map_belief
-from navlearn.fusion.batch_axis import unsqueezed
+from navlearn.filters.belief import Belief
+from navlearn.filters.tight_belief import map_tree
+from navlearn.fusion.batch_axis import first, unsqueezed
 from navlearn.fusion.checks import check_history, check_inputs
 from navlearn.fusion.filter_model import FilterModel
-from navlearn.fusion.history import FilterHistory, history_without_batch
+from navlearn.fusion.history import FilterHistory
 from navlearn.fusion.timeline import Timeline, timeline
-from navlearn.states import FixTiming, GnssFix, RissSample
+from navlearn.states import FixTiming, GnssFix, ImuSample, RissSample
 
 Method = Literal["exact", "fast", "sequential"]
 
 RunFilter = Callable[[Belief, Timeline, Method], FilterHistory]
 """A filter over drives in blocks, whose inputs have been looked at."""
+
+AnyHistory = TypeVar("AnyHistory")
 
 
 def filtered_drives(
@@ -27,7 +30,7 @@ def filtered_drives(
     timing: FixTiming,
     method: Method,
 ) -> FilterHistory:
-    """Run a filter over drives, with what comes in and what goes out looked at.
+    """Run a RISS filter over drives, with what comes in and what goes out looked at.
 
     Args:
         model: The filter.
@@ -48,25 +51,52 @@ def filtered_drives(
             :mod:`navlearn.fusion.bounds`), or fixes are out of order or range.
         FilterDivergedError: If a state or variance is lost on the way.
     """
+
+    def looked_at(
+        start: Belief, samples: RissSample, fixes: GnssFix, timing: FixTiming
+    ) -> FilterHistory:
+        check_inputs(model, start, samples, fixes, timing)
+        history = run(start, timeline(model, samples, fixes, timing), method)
+        check_history(model, history, samples)
+        return history
+
+    return over_batch(looked_at, start, samples, fixes, timing, method)
+
+
+def over_batch(
+    run: Callable[..., AnyHistory],
+    start: Any,
+    samples: RissSample | ImuSample,
+    fixes: GnssFix,
+    timing: FixTiming,
+    method: Method,
+) -> AnyHistory:
+    """Run a filter over a batch of drives, or over one as a batch of one.
+
+    Args:
+        run: Takes start, samples, fixes and timing with a batch axis; gives a history.
+        start: Belief before the first sample, batch shape (B,) or ().
+        samples: Samples, batch shape (B, T) or (T,).
+        fixes: GNSS solutions, shape (B, M) or (M,) each.
+        timing: Where they fall among the samples.
+        method: Form of the filter.
+
+    Returns:
+        History; without batch axis where the input had none.
+
+    Raises:
+        ConfigError: If the method is unknown.
+        ShapeError: If samples have another number of axes, or there is none.
+    """
     if method not in ("exact", "fast", "sequential"):
         raise ConfigError(f"filter: found method {method!r}; choose exact, fast or sequential")
-    if samples.dt.dim() == 1:
-        batched = filtered_drives(
-            model,
-            run,
-            map_belief(start, unsqueezed),
-            RissSample(*map(unsqueezed, samples)),
-            GnssFix(*map(unsqueezed, fixes)),
-            FixTiming(*map(unsqueezed, timing)),
-            method,
-        )
-        return history_without_batch(batched)
-    if samples.dt.dim() != 2 or samples.dt.shape[-1] == 0:
+    given = (start, samples, fixes, timing)
+    alone = samples.dt.dim() == 1
+    batch = map_tree(given, unsqueezed) if alone else given
+    if batch[1].dt.dim() != 2 or batch[1].dt.shape[-1] == 0:
         raise ShapeError(
             f"filter: samples have shape {tuple(samples.dt.shape)}; expected (B, T) or (T,) "
             "with at least one sample"
         )
-    check_inputs(model, start, samples, fixes, timing)
-    history = run(start, timeline(model, samples, fixes, timing), method)
-    check_history(model, history, samples)
-    return history
+    history = run(*batch)
+    return map_tree(history, first) if alone else history

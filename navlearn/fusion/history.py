@@ -4,8 +4,7 @@ from typing import NamedTuple
 
 from torch import Tensor
 
-from navlearn.filters.belief import Belief, map_belief
-from navlearn.fusion.batch_axis import first
+from navlearn.filters.belief import Belief
 from navlearn.states import Trajectory
 
 
@@ -43,23 +42,3 @@ class FilterHistory(NamedTuple):
     error: Tensor
     method: str
     passes: int
-
-
-def history_without_batch(history: FilterHistory) -> FilterHistory:
-    """Return the history of a batch of one drive without its batch axis.
-
-    Args:
-        history: History, B = 1.
-    """
-    return history._replace(
-        end=history.end[0],
-        fix=history.fix[0],
-        prior=map_belief(history.prior, first),
-        belief=map_belief(history.belief, first),
-        trajectory=Trajectory(*map(first, history.trajectory)),
-        innovation=history.innovation[0],
-        nis=history.nis[0],
-        verdict=history.verdict[0],
-        resets=history.resets[0],
-        error=history.error[0],
-    )

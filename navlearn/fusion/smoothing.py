@@ -16,6 +16,7 @@ from torch import Tensor
 
 from navlearn.errors import ShapeError
 from navlearn.filters.belief import Belief, map_belief
+from navlearn.filters.tight_belief import map_tree
 from navlearn.fusion.batch_axis import first, unsqueezed
 from navlearn.fusion.history import FilterHistory
 from navlearn.fusion.loosely_coupled import LooselyCoupledEkf
@@ -85,10 +86,11 @@ def smooth(
             RissSample(*map(unsqueezed, samples)),
             GnssFix(*map(unsqueezed, fixes)),
             FixTiming(*map(unsqueezed, timing)),
-            _with_batch(history),
+            map_tree(history, unsqueezed),
             options,
         )
-        return _without_batch(batched)
+        alone: SmoothedDrive = map_tree(batched, first)
+        return alone
     model = ekf.model
     line = timeline(model, samples, fixes, timing)
     if history.end.shape != line.blocks.end.shape or bool((history.end != line.blocks.end).any()):
@@ -125,26 +127,3 @@ def _largest_move(new: Belief, old: Belief) -> float:
         ]
     )
     return float(move.detach().amax())
-
-
-def _with_batch(history: FilterHistory) -> FilterHistory:
-    return history._replace(
-        end=history.end.unsqueeze(0),
-        prior=map_belief(history.prior, unsqueezed),
-        belief=map_belief(history.belief, unsqueezed),
-        innovation=history.innovation.unsqueeze(0),
-        nis=history.nis.unsqueeze(0),
-        verdict=history.verdict.unsqueeze(0),
-    )
-
-
-def _without_batch(drive: SmoothedDrive) -> SmoothedDrive:
-    return SmoothedDrive(
-        drive.end[0],
-        map_belief(drive.start, first),
-        map_belief(drive.belief, first),
-        Trajectory(*map(first, drive.trajectory)),
-        drive.transition[0],
-        drive.gain[0],
-        drive.passes,
-    )

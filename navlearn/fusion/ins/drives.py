@@ -2,15 +2,14 @@
 
 from collections.abc import Callable
 
-from navlearn.errors import ConfigError, ShapeError
-from navlearn.filters.ins_belief import InsBelief, map_ins_belief
-from navlearn.fusion.batch_axis import first, unsqueezed
+from navlearn.filters.ins_belief import InsBelief
 from navlearn.fusion.drives import Method as Method
+from navlearn.fusion.drives import over_batch
 from navlearn.fusion.ins.checks import check_ins_history, check_ins_inputs
 from navlearn.fusion.ins.history import InsHistory
 from navlearn.fusion.ins.model import InsFilterModel
 from navlearn.fusion.ins.timeline import InsTimeline, ins_timeline
-from navlearn.states import FixTiming, GnssFix, ImuSample, InsState
+from navlearn.states import FixTiming, GnssFix, ImuSample
 
 RunInsFilter = Callable[[InsBelief, InsTimeline, Method], InsHistory]
 """A filter over drives in blocks, whose inputs have been looked at."""
@@ -25,7 +24,7 @@ def filtered_ins_drives(
     timing: FixTiming,
     method: Method,
 ) -> InsHistory:
-    """Run a filter over drives, with what comes in and what goes out looked at.
+    """Run a full-IMU filter over drives, with what comes in and what goes out looked at.
 
     Args:
         model: The filter.
@@ -46,40 +45,13 @@ def filtered_ins_drives(
             (see :mod:`navlearn.fusion.bounds`), or fixes are out of order or range.
         FilterDivergedError: If a state or variance is lost on the way.
     """
-    if method not in ("exact", "fast", "sequential"):
-        raise ConfigError(f"filter: found method {method!r}; choose exact, fast or sequential")
-    if samples.dt.dim() == 1:
-        batched = filtered_ins_drives(
-            model,
-            run,
-            map_ins_belief(start, unsqueezed),
-            ImuSample(*map(unsqueezed, samples)),
-            GnssFix(*map(unsqueezed, fixes)),
-            FixTiming(*map(unsqueezed, timing)),
-            method,
-        )
-        return _without_batch(batched)
-    if samples.dt.dim() != 2 or samples.dt.shape[-1] == 0:
-        raise ShapeError(
-            f"filter: samples have shape {tuple(samples.dt.shape)}; expected (B, T) or (T,) "
-            "with at least one sample"
-        )
-    check_ins_inputs(model, start, samples, fixes, timing)
-    history = run(start, ins_timeline(model, samples, fixes, timing), method)
-    check_ins_history(model, history, samples)
-    return history
 
+    def looked_at(
+        start: InsBelief, samples: ImuSample, fixes: GnssFix, timing: FixTiming
+    ) -> InsHistory:
+        check_ins_inputs(model, start, samples, fixes, timing)
+        history = run(start, ins_timeline(model, samples, fixes, timing), method)
+        check_ins_history(model, history, samples)
+        return history
 
-def _without_batch(history: InsHistory) -> InsHistory:
-    return history._replace(
-        end=history.end[0],
-        fix=history.fix[0],
-        prior=map_ins_belief(history.prior, first),
-        belief=map_ins_belief(history.belief, first),
-        trajectory=InsState(*map(first, history.trajectory)),
-        innovation=history.innovation[0],
-        nis=history.nis[0],
-        verdict=history.verdict[0],
-        resets=history.resets[0],
-        error=history.error[0],
-    )
+    return over_batch(looked_at, start, samples, fixes, timing, method)

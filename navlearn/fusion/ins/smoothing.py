@@ -14,6 +14,7 @@ from torch import Tensor
 
 from navlearn.errors import ShapeError
 from navlearn.filters.ins_belief import InsBelief, map_ins_belief
+from navlearn.filters.tight_belief import map_tree
 from navlearn.fusion.batch_axis import first, unsqueezed
 from navlearn.fusion.ins.fast import largest_move
 from navlearn.fusion.ins.history import InsHistory
@@ -82,10 +83,11 @@ def smooth_ins(
             ImuSample(*map(unsqueezed, samples)),
             GnssFix(*map(unsqueezed, fixes)),
             FixTiming(*map(unsqueezed, timing)),
-            _with_batch(history),
+            map_tree(history, unsqueezed),
             options,
         )
-        return _without_batch(batched)
+        alone: SmoothedInsDrive = map_tree(batched, first)
+        return alone
     model = ekf.model
     line = ins_timeline(model, samples, fixes, timing)
     if history.end.shape != line.blocks.end.shape or bool((history.end != line.blocks.end).any()):
@@ -106,27 +108,4 @@ def smooth_ins(
         found.transition,
         found.gain,
         passes,
-    )
-
-
-def _with_batch(history: InsHistory) -> InsHistory:
-    return history._replace(
-        end=history.end.unsqueeze(0),
-        prior=map_ins_belief(history.prior, unsqueezed),
-        belief=map_ins_belief(history.belief, unsqueezed),
-        innovation=history.innovation.unsqueeze(0),
-        nis=history.nis.unsqueeze(0),
-        verdict=history.verdict.unsqueeze(0),
-    )
-
-
-def _without_batch(drive: SmoothedInsDrive) -> SmoothedInsDrive:
-    return SmoothedInsDrive(
-        drive.end[0],
-        map_ins_belief(drive.start, first),
-        map_ins_belief(drive.belief, first),
-        InsState(*map(first, drive.trajectory)),
-        drive.transition[0],
-        drive.gain[0],
-        drive.passes,
     )

@@ -71,6 +71,7 @@ def closed_only(feedback: str) -> None:
     """
     if feedback != "closed":
         raise ConfigError(
-            f"tight filter: found feedback {feedback!r}; ranges are linear only near the car, so "
-            "estimated errors are always fed back: choose feedback closed"
+            f"filter: found feedback {feedback!r}; ranges are linear only near the car, and sigma "
+            "points are drawn about the estimate, so errors are always fed back: choose feedback "
+            "closed"
         )

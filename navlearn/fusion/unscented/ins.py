@@ -12,7 +12,6 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from navlearn.errors import ConfigError
 from navlearn.filters.ins_belief import InsBelief
 from navlearn.filters.unscented import UnscentedOptions, sigma_weights
 from navlearn.fusion.ins import fast as ins_fast
@@ -49,16 +48,9 @@ class InsUkf(InsVehicle):
         Raises:
             ConfigError: If feedback is open.
         """
-        options = options or InsEkfOptions()
-        if options.feedback != "closed":
-            raise ConfigError(
-                "unscented filter: found feedback 'open'; sigma points are drawn about the "
-                "estimate, not about a mechanization that runs free: choose feedback closed"
-            )
         super().__init__(options)
-        self.weights = sigma_weights(
-            options.unscented or UnscentedOptions(), self.model.layout.size
-        )
+        unscented = self.options.unscented or UnscentedOptions()
+        self.weights = sigma_weights(unscented, self.model.layout.size)
 
     def forward(
         self,

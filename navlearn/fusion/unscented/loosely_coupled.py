@@ -8,7 +8,6 @@ and is the oracle; ``fast`` solves for all blocks at once.
 import torch
 from torch import Tensor
 
-from navlearn.errors import ConfigError
 from navlearn.filters.belief import Belief
 from navlearn.filters.unscented import UnscentedOptions, sigma_weights
 from navlearn.fusion.drives import Method, filtered_drives
@@ -46,16 +45,9 @@ class LooselyCoupledUkf(RissVehicle):
         Raises:
             ConfigError: If feedback is open.
         """
-        options = options or EkfOptions()
-        if options.feedback != "closed":
-            raise ConfigError(
-                "unscented filter: found feedback 'open'; sigma points are drawn about the "
-                "estimate, not about a mechanization that runs free: choose feedback closed"
-            )
         super().__init__(options)
-        self.weights = sigma_weights(
-            options.unscented or UnscentedOptions(), self.model.layout.size
-        )
+        unscented = self.options.unscented or UnscentedOptions()
+        self.weights = sigma_weights(unscented, self.model.layout.size)
 
     def forward(
         self,

@@ -6,9 +6,10 @@ import pytest
 import torch
 
 from navlearn.filters.consistency import mean_band, nees
+from navlearn.filters.unscented import UnscentedOptions
+from navlearn.fusion.filters_of import ins_filter
 from navlearn.fusion.gate_options import GateOptions
 from navlearn.fusion.ins.layout import state_difference
-from navlearn.fusion.ins.loosely_coupled import InsEkf
 from navlearn.fusion.ins.measurements import InsKind
 from navlearn.fusion.ins.options import InsEkfOptions, InsInitialOptions, InsNoiseOptions
 from navlearn.states import InsState
@@ -16,7 +17,7 @@ from navlearn.states import InsState
 TINY = 1e-8
 
 
-def honest_options(states, **more):
+def honest_options(**more):
     """Noise that is simulated exactly: white on all axes, constant sensor errors."""
     noise = InsNoiseOptions(
         gyro_random_walk=3e-4,
@@ -31,7 +32,6 @@ def honest_options(states, **more):
         height_floor=0.0,
         position_inflation=1.0,
         velocity_floor=0.0,
-        odometer_noise=0.1,
     )
     initial = InsInitialOptions(
         position=2.0,
@@ -44,7 +44,6 @@ def honest_options(states, **more):
         odometer_scale=0.01,
     )
     return InsEkfOptions(
-        states=states,
         noise=noise,
         initial=initial,
         gate=GateOptions(probability=1.0),
@@ -55,12 +54,11 @@ def honest_options(states, **more):
     )
 
 
-def shares_in_bands(make_clean, model_drives, lever_arm, states, runs, seconds, rate):
+def shares_in_bands(make_clean, model_drives, options, runs, seconds, rate):
     """Return per quantity: its mean, its 95 % band per epoch, and the share of epochs inside."""
-    options = honest_options(states, lever_arm=lever_arm)
     belief, d, sensors = model_drives(options, runs, 17, make_clean(seconds, rate))
     with torch.no_grad():
-        history = InsEkf(options)(belief, d.samples, d.fixes, d.timing)
+        history = ins_filter(options)(belief, d.samples, d.fixes, d.timing)
     rows = torch.arange(runs).unsqueeze(-1)
     truth = InsState(*(channel[rows, history.end] for channel in d.truth))
     error = torch.cat(
@@ -93,11 +91,25 @@ def shares_in_bands(make_clean, model_drives, lever_arm, states, runs, seconds, 
     return table
 
 
-def test_the_filter_is_as_good_as_it_says(make_clean, model_drives, lever_arm):
-    table = shares_in_bands(make_clean, model_drives, lever_arm, 15, 80, 40, 25)
+@pytest.mark.parametrize(
+    ("unscented", "runs", "seconds"), [(None, 80, 40), (UnscentedOptions(alpha=0.5), 40, 20)]
+)
+def test_the_filter_is_as_good_as_it_says(
+    make_clean, model_drives, lever_arm, unscented, runs, seconds
+):
+    options = honest_options(unscented=unscented, lever_arm=lever_arm)
+    table = shares_in_bands(make_clean, model_drives, options, runs, seconds, 25)
     for name, (mean, band, share) in table.items():
         assert band.low < mean < band.high, name
-        assert share > 0.8, name
+        assert share > (0.8 if unscented is None else 0.75), name
+
+
+def check_over_many_runs(make_clean, model_drives, options, seconds, rate):
+    table = shares_in_bands(make_clean, model_drives, options, 100, seconds, rate)
+    for name, (mean, band, share) in table.items():
+        assert band.low < mean < band.high, name
+        # errors stay for long: that NEES of one epoch is outside, its neighbours' are
+        assert share > (0.85 if name.startswith("NEES") else 0.9), name
 
 
 @pytest.mark.slow
@@ -105,8 +117,14 @@ def test_the_filter_is_as_good_as_it_says(make_clean, model_drives, lever_arm):
 def test_the_filter_is_as_good_as_it_says_over_many_runs(
     make_clean, model_drives, lever_arm, states
 ):
-    table = shares_in_bands(make_clean, model_drives, lever_arm, states, 100, 120, 50)
-    for name, (mean, band, share) in table.items():
-        assert band.low < mean < band.high, name
-        # errors stay for long: that NEES of one epoch is outside, its neighbours' are
-        assert share > (0.85 if name.startswith("NEES") else 0.9), name
+    options = honest_options(states=states, lever_arm=lever_arm)
+    check_over_many_runs(make_clean, model_drives, options, 120, 50)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("alpha", [1.0, 0.5, None, 1e-3])
+def test_the_unscented_filter_is_as_good_as_it_says_over_many_runs(
+    make_clean, model_drives, lever_arm, alpha
+):
+    options = honest_options(unscented=UnscentedOptions(alpha=alpha), lever_arm=lever_arm)
+    check_over_many_runs(make_clean, model_drives, options, 60, 25)
